@@ -1,0 +1,1 @@
+"""bench: methods that make a scene from one image, measured along the same cameras."""

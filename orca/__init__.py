@@ -1,0 +1,1 @@
+"""ORCA: one image to one explorable 3D scene."""
