@@ -1,0 +1,86 @@
+"""Connected components of a disocclusion mask."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from orca.errors import BadInput
+
+__all__ = ["Component", "connected_components"]
+
+BoolArray = NDArray[np.bool_]
+IntArray = NDArray[np.int64]
+
+
+@dataclass(frozen=True, eq=False)
+class Component:
+    """One 8-connected missing region.
+
+    Attributes:
+        mask: the region inside its bounding box, [y1 - y0, x1 - x0] bool.
+        bbox: (x0, y0, x1, y1) in pixels, the far ends excluded.
+    """
+
+    mask: BoolArray
+    bbox: tuple[int, int, int, int]
+
+    def __post_init__(self) -> None:
+        x0, y0, x1, y1 = self.bbox
+        if self.mask.shape != (y1 - y0, x1 - x0) or x0 < 0 or y0 < 0 or not self.mask.any():
+            raise BadInput(
+                f"component with a mask of shape {self.mask.shape} and bounding box {self.bbox}",
+                "a non-empty mask that spans its bounding box (x0, y0, x1, y1)",
+                "make components with connected_components",
+            )
+
+    @property
+    def area(self) -> int:
+        """Missing pixels."""
+        return int(np.count_nonzero(self.mask))
+
+    @property
+    def fill(self) -> float:
+        """Share of the bounding box that is missing, 0 to 1."""
+        return self.area / self.mask.size
+
+    @property
+    def short_side(self) -> int:
+        """Shorter side of the bounding box in pixels."""
+        return min(self.mask.shape[0], self.mask.shape[1])
+
+    def pixels(self) -> tuple[IntArray, IntArray]:
+        """(y, x) of the missing pixels in the image, [area] each, in row-major order."""
+        y, x = np.nonzero(self.mask)
+        return y + self.bbox[1], x + self.bbox[0]
+
+    def full_mask(self, height: int, width: int) -> BoolArray:
+        """The region in the whole image, [height, width] bool."""
+        full = np.zeros((height, width), bool)
+        x0, y0, x1, y1 = self.bbox
+        full[y0:y1, x0:x1] = self.mask
+        return full
+
+
+def connected_components(mask: BoolArray, min_area: int = 1) -> list[Component]:
+    """Split a mask [H, W] into its 8-connected components of at least ``min_area`` pixels.
+
+    Returns:
+        Largest first; equal areas from top to bottom, then from left to right.
+    """
+    if mask.ndim != 2 or mask.dtype != np.bool_ or mask.size == 0:
+        raise BadInput(
+            f"mask of shape {mask.shape} and type {mask.dtype}", "a bool mask [H, W]", "see disocclusion_mask"
+        )
+    count, labels, stats, _ = cv2.connectedComponentsWithStats(mask.astype(np.uint8), connectivity=8)
+    found: list[tuple[int, int, int, Component]] = []
+    for label in range(1, count):
+        x0, y0, width, height, area = (int(v) for v in stats[label])
+        if area >= min_area:
+            crop = labels[y0 : y0 + height, x0 : x0 + width] == label
+            found.append((-area, y0, x0, Component(crop, (x0, y0, x0 + width, y0 + height))))
+    # Where area and box corner are equal too, the label, in scan order, decides: the sort is stable.
+    return [component for *_, component in sorted(found, key=lambda row: row[:3])]
