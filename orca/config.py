@@ -1,0 +1,228 @@
+"""Every constant of the method, as frozen dataclasses; a preset is a named instance.
+
+Marks in the comments: P = stated by the paper, I = from the base representation (IRIS), O = our choice.
+Defaults are those of the `draft` preset unless a comment says otherwise.
+"""
+
+from __future__ import annotations
+
+import difflib
+from dataclasses import asdict, dataclass, field, replace
+from typing import Any, Literal
+
+from orca.errors import Unknown
+from orca.repair.rules import RepairRules
+
+__all__ = [
+    "PRESETS",
+    "CanvasConfig",
+    "DeformConfig",
+    "HashConfig",
+    "PlanarConfig",
+    "ReconstructConfig",
+    "RenderConfig",
+    "RepairConfig",
+    "TrainConfig",
+    "get_preset",
+]
+
+
+@dataclass(frozen=True)
+class HashConfig:
+    """Multi-resolution hash encoding (I)."""
+
+    levels: int = 16
+    log2_table_size: int = 19
+    coarsest_resolution: int = 16
+    finest_resolution: int = 8192
+    initial: float = 1e-3
+
+
+@dataclass(frozen=True)
+class RenderConfig:
+    """How rays meet anchors and how hits become colour.
+
+    Attributes:
+        chi2: a ray hits an anchor iff its squared Mahalanobis distance is at most this (I: 6.25).
+        max_hits: hits kept per ray, nearest first; more are counted as overflow, never silently lost (I).
+        near: hits nearer than this are ignored, in scene units.
+        decode: "per_hit" decodes every hit (I, P); "layered" decodes each surface once (O).
+        window: with "per_hit", aggregate over this many neighbours on either side in depth order (I: 2);
+            -1 aggregates over the hit's whole depth layer (O).
+        layer_gap_sigmas: consecutive hits nearer than this many sigmas along the ray are one surface (O) ...
+        layer_gap_relative: ... or nearer than this share of their depth (O).
+        background: colour behind everything, 0..1 grey.
+    """
+
+    chi2: float = 6.25
+    max_hits: int = 64
+    near: float = 1e-3
+    decode: Literal["layered", "per_hit"] = "layered"
+    window: int = -1
+    layer_gap_sigmas: float = 2.0
+    layer_gap_relative: float = 0.02
+    background: float = 0.0
+
+
+@dataclass(frozen=True)
+class TrainConfig:
+    """Gradient training (learning rates: I; batch: O)."""
+
+    batch_rays: int = 4096
+    lr_field: float = 1e-2
+    lr_field_final: float = 1e-4
+    lr_means: float = 1e-5
+    lr_log_variances: float = 5e-5
+    lr_quaternions: float = 1e-3
+    lr_opacity: float = 1e-3
+    adam_eps: float = 1e-15
+    random_background: bool = True  # O: with a fixed one the plane stays see-through
+    eval_every: int = 1000  # P
+    min_gain_db: float = 0.03  # P
+    patience: int = 4  # P
+    smoothing: float = 0.5  # O: weight of the newest PSNR in the running mean that early stopping watches
+
+
+@dataclass(frozen=True)
+class CanvasConfig:
+    """How far the outpainted image reaches beyond the original.
+
+    Attributes:
+        outpainter: name in the registry of outpainters, or "none".
+        max_scale: the canvas is at most this many times the image's size; how much of it is used follows
+            from how far the trajectory looks outside (O).
+    """
+
+    outpainter: str = "mirror"
+    max_scale: float = 2.5
+
+
+@dataclass(frozen=True)
+class PlanarConfig:
+    """Stage 1 (P: iterations; O: the rest).
+
+    Attributes:
+        anchors_per_pixel: grid density inside the original image; 0.25 is 65,536 anchors at 512x512.
+        margin_spacing: grid spacing outside the original, in units of the spacing inside.
+        kappa: standard deviation of an anchor over the grid spacing.
+        thickness: standard deviation along the plane's normal over that in the plane.
+        opacity_logit: initial omega (I: 1).
+        density: sigma that the analytic initialisation gives every anchor.
+        initialisation: "closed_form" solves for the features (METHOD.md 1.2), "random" is the paper's.
+        colour_clip: colours are kept this far from 0 and 1 before the logit.
+        gauss_newton_steps, cg_steps: outer and inner steps of the closed-form solve.
+        max_iterations: gradient steps at most (P: 30,000).
+        freeze_geometry: keep means and covariances fixed in stage 1.
+        use_direction: feed the view direction to the colour decoder (I: yes; O: off while there is one camera).
+    """
+
+    anchors_per_pixel: float = 0.25
+    margin_spacing: float = 2.0
+    kappa: float = 0.5
+    thickness: float = 0.3
+    opacity_logit: float = 1.0
+    density: float = 30.0
+    initialisation: Literal["closed_form", "random"] = "closed_form"
+    colour_clip: float = 2e-3
+    gauss_newton_steps: int = 4
+    cg_steps: int = 10
+    max_iterations: int = 0
+    freeze_geometry: bool = True
+    use_direction: bool = False
+
+
+@dataclass(frozen=True)
+class DeformConfig:
+    """Stage 2.
+
+    Attributes:
+        lifting: "metric" puts every mean at the provider's depth; "relative" is the paper's formula.
+        strength: lambda of the paper's formula (O).
+        far_quantile, near_quantile: robust quantiles of inverse depth (O).
+        epsilon: guards the inverse depth (P: a small positive constant).
+        sharpen_depth: move depths halfway between two surfaces to the nearer of the two, so that no anchor
+            floats between foreground and background (O).
+        edge_ratio: two depths further apart than this ratio, within the window, are two surfaces (O).
+        follow_slope: tilt and stretch each Gaussian with the surface it lies on (O).
+        max_slope: largest relative depth change per unit of image tangent that is still one surface (O).
+        max_iterations: fine-tuning steps at most (P: 20,000).
+        arm_after: early stopping is enabled after this many steps (P: 10,000).
+    """
+
+    lifting: Literal["metric", "relative"] = "metric"
+    strength: float = 0.4
+    far_quantile: float = 0.02
+    near_quantile: float = 0.98
+    epsilon: float = 1e-6
+    sharpen_depth: bool = True
+    edge_ratio: float = 1.06
+    follow_slope: bool = True
+    max_slope: float = 4.0
+    max_iterations: int = 0
+    arm_after: int = 10_000
+
+
+@dataclass(frozen=True)
+class RepairConfig:
+    """Stage 3.
+
+    Attributes:
+        enabled: whether to repair at all.
+        views: how many views of the trajectory are watched, evenly spaced (O; 0 watches all of them).
+        rules: thresholds of the paper and ours, for 512x512 renders.
+        fill: "paper" copies donors, "smooth" continues the background (O).
+        inpainter: name of the inpainter that "generative" repairs use, or "none" for local repair only.
+    """
+
+    enabled: bool = True
+    views: int = 12
+    rules: RepairRules = field(default_factory=RepairRules)
+    fill: Literal["paper", "smooth"] = "smooth"
+    inpainter: str = "none"
+
+
+@dataclass(frozen=True)
+class ReconstructConfig:
+    """The whole method."""
+
+    name: str = "draft"
+    hash: HashConfig = field(default_factory=HashConfig)
+    render: RenderConfig = field(default_factory=RenderConfig)
+    train: TrainConfig = field(default_factory=TrainConfig)
+    canvas: CanvasConfig = field(default_factory=CanvasConfig)
+    planar: PlanarConfig = field(default_factory=PlanarConfig)
+    deform: DeformConfig = field(default_factory=DeformConfig)
+    repair: RepairConfig = field(default_factory=RepairConfig)
+    schema_version: int = 1
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain data with every resolved value."""
+        return asdict(self)
+
+    def with_lifting(self, lifting: Literal["metric", "relative"]) -> ReconstructConfig:
+        """The same configuration with another lifting."""
+        return replace(self, deform=replace(self.deform, lifting=lifting))
+
+
+_DRAFT = ReconstructConfig()
+_QUALITY = replace(_DRAFT, name="quality", planar=replace(_DRAFT.planar, anchors_per_pixel=1.0, margin_spacing=4.0))
+_PAPER = ReconstructConfig(
+    name="paper",
+    render=RenderConfig(decode="per_hit", window=2),
+    planar=PlanarConfig(
+        anchors_per_pixel=1.0, margin_spacing=1.0, initialisation="random", max_iterations=30_000, use_direction=True
+    ),
+    deform=DeformConfig(lifting="relative", sharpen_depth=False, follow_slope=False, max_iterations=20_000),
+    repair=RepairConfig(views=0, fill="paper"),
+)
+
+PRESETS: dict[str, ReconstructConfig] = {preset.name: preset for preset in (_DRAFT, _QUALITY, _PAPER)}
+
+
+def get_preset(name: str) -> ReconstructConfig:
+    """The preset of that name; raises `Unknown` with the nearest name otherwise."""
+    if name not in PRESETS:
+        near = difflib.get_close_matches(name, PRESETS, n=1)
+        fix = f"did you mean '{near[0]}'?" if near else "choose one of the list"
+        raise Unknown(f"unknown preset '{name}'", ", ".join(PRESETS), fix)
+    return PRESETS[name]

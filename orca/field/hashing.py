@@ -1,0 +1,70 @@
+"""Multi-resolution hash encoding read at fixed rest positions (METHOD.md 1, after Mueller et al. 2022)."""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor, nn
+
+from orca.anchors import FEATURE_DIM
+from orca.config import HashConfig
+
+__all__ = ["HashEncoding"]
+
+_PRIMES = (1, 2654435761)
+
+
+class HashEncoding(nn.Module):
+    """Learnable features on a pyramid of 2D grids, looked up once and for all at the anchors' rest positions.
+
+    Rest positions never move (not even when the means do), so the table rows and the bilinear weights are constants
+    and the features are a constant sparse matrix times the table. No gradient flows to positions.
+
+    Args:
+        rest: rest positions in [0, 1]^2, [N, 2]; the canonical image coordinates of the canvas.
+        config: levels, sizes and resolutions.
+        generator: source of the initial table, uniform within +-``config.initial``.
+    """
+
+    rows: Tensor
+    weights: Tensor
+
+    def __init__(self, rest: Tensor, config: HashConfig, generator: torch.Generator) -> None:
+        super().__init__()
+        growth = (config.finest_resolution / config.coarsest_resolution) ** (1 / (config.levels - 1))
+        rows, weights, offset = [], [], 0
+        for level in range(config.levels):
+            resolution = round(config.coarsest_resolution * growth**level)
+            size = min((resolution + 1) ** 2, 2**config.log2_table_size)
+            level_rows, level_weights = _corners(rest, resolution, size)
+            rows.append(level_rows + offset)
+            weights.append(level_weights)
+            offset += size
+        # Only rows that some anchor reads are stored: the others can never receive a gradient.
+        all_rows = torch.stack(rows, 1)
+        touched, compact = torch.unique(all_rows, return_inverse=True)
+        self.register_buffer("rows", compact.reshape(all_rows.shape))  # [N, levels, 4]
+        self.register_buffer("weights", torch.stack(weights, 1))  # [N, levels, 4]
+        start = (torch.rand(len(touched), FEATURE_DIM // config.levels, generator=generator) * 2 - 1) * config.initial
+        self.table = nn.Parameter(start)
+
+    def forward(self) -> Tensor:
+        """Features of all anchors, [N, 32]: per level, the bilinear mean of four table rows."""
+        looked_up = self.table[self.rows] * self.weights[..., None]  # [N, levels, 4, 2]
+        return looked_up.sum(2).flatten(1)
+
+
+def _corners(rest: Tensor, resolution: int, size: int) -> tuple[Tensor, Tensor]:
+    """Table rows [N, 4] and bilinear weights [N, 4] of the four grid corners around each position."""
+    scaled = rest.clamp(0, 1) * resolution
+    low = scaled.floor().clamp(max=resolution - 1)
+    fraction = scaled - low
+    rows, weights = [], []
+    for dy in (0, 1):
+        for dx in (0, 1):
+            x, y = low[:, 0].long() + dx, low[:, 1].long() + dy
+            dense = (resolution + 1) ** 2 <= size
+            rows.append(y * (resolution + 1) + x if dense else (x * _PRIMES[0] ^ y * _PRIMES[1]) % size)
+            wx = fraction[:, 0] if dx else 1 - fraction[:, 0]
+            wy = fraction[:, 1] if dy else 1 - fraction[:, 1]
+            weights.append(wx * wy)
+    return torch.stack(rows, 1), torch.stack(weights, 1).float()

@@ -1,0 +1,88 @@
+"""The canvas of stage 1: the original image inside its outpainted extension, both seen by one camera."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from orca.camera import Camera
+from orca.config import CanvasConfig
+from orca.conventions import Float32Array, Float64Array
+from orca.priors.outpaint import Outpainter, extend_depth
+
+__all__ = ["Canvas", "make_canvas", "needed_margins"]
+
+
+@dataclass(frozen=True, eq=False)
+class Canvas:
+    """The outpainted image and where the original lies in it.
+
+    Attributes:
+        image: [H + top + bottom, W + left + right, 3] float32; inside the original's box it is the original, bit
+            for bit, since the input view must be reproduced and not the outpainter's copy of it (METHOD.md 2).
+        depth: z-depth over the canvas, same size, float32.
+        camera: the canvas camera: same centre and orientation, intrinsics shifted by the margins (paper Sec. 3.1).
+        margins: left, top, right, bottom in pixels.
+    """
+
+    image: Float32Array
+    depth: Float32Array
+    camera: Camera
+    margins: tuple[int, int, int, int]
+
+    @property
+    def original(self) -> tuple[slice, slice]:
+        """Rows and columns of the original image."""
+        left, top, right, bottom = self.margins
+        height, width = self.image.shape[:2]
+        return slice(top, height - bottom), slice(left, width - right)
+
+
+def needed_margins(
+    camera: Camera, trajectory: Sequence[Camera], depth: Float32Array, max_scale: float
+) -> tuple[int, int, int, int]:
+    """How far a trajectory looks outside the input image: margins in pixels (left, top, right, bottom).
+
+    The borders of every view are put at the scene's far depth (98th percentile) and projected into the input camera.
+    """
+    limit = (max_scale - 1) / 2
+    far = float(np.quantile(depth, 0.98))
+    low, high = np.zeros(2), np.array([camera.width, camera.height], np.float64)
+    for view in trajectory:
+        pixels, z = camera.project(view.unproject(_border(view), np.full(4 * 33, far)))
+        pixels = pixels[z > 0.1 * far]
+        if len(pixels):
+            low, high = np.minimum(low, pixels.min(0)), np.maximum(high, pixels.max(0))
+    size = np.array([camera.width, camera.height])
+    before = np.ceil(np.clip(-low, 0, limit * size)).astype(int)
+    after = np.ceil(np.clip(high - size, 0, limit * size)).astype(int)
+    return int(before[0]), int(before[1]), int(after[0]), int(after[1])
+
+
+def _border(view: Camera) -> Float64Array:
+    """132 points along the border of a view, (x, y)."""
+    s = np.linspace(0, 1, 33)
+    zero, one = np.zeros(33), np.ones(33)
+    edges = [np.stack(e, 1) for e in ((s, zero), (s, one), (zero, s), (one, s))]
+    return np.asarray(np.concatenate(edges) * [view.width, view.height])
+
+
+def make_canvas(
+    image: Float32Array,
+    depth: Float32Array,
+    camera: Camera,
+    trajectory: Sequence[Camera],
+    config: CanvasConfig,
+    outpainter: Outpainter | None,
+) -> Canvas:
+    """Outpaint as far as the trajectory looks; without an outpainter the canvas is the image itself."""
+    if outpainter is None:
+        return Canvas(image, depth, camera, (0, 0, 0, 0))
+    margins = needed_margins(camera, trajectory, depth, config.max_scale)
+    canvas = Canvas(
+        outpainter.outpaint(image, *margins), extend_depth(depth, *margins), camera.padded(*margins), margins
+    )
+    canvas.image[canvas.original] = image
+    return canvas

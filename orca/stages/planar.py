@@ -1,0 +1,100 @@
+"""Stage 1: anchors on a planar grid over the canvas (paper Sec. 3.1)."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from orca.anchors import FEATURE_DIM, GaussianAnchors, Stage
+from orca.config import PlanarConfig
+from orca.conventions import Float64Array
+from orca.field.decoders import DENSITY_CHANNEL
+from orca.stages.canvas import Canvas
+
+__all__ = ["PLANE_DEPTH", "PlanarGrid", "planar_anchors", "planar_grid"]
+
+PLANE_DEPTH = 1.0  # z-depth of the plane; any value does, since stage 2 moves every anchor along its own ray
+
+
+@dataclass(frozen=True, eq=False)
+class PlanarGrid:
+    """Where the anchors sit in the image.
+
+    Attributes:
+        pixels: canvas pixel position of each anchor, [N, 2] float64.
+        spacing: grid spacing at each anchor in pixels, [N] float64.
+        in_original: whether it lies inside the original image, [N] bool.
+    """
+
+    pixels: Float64Array
+    spacing: Float64Array
+    in_original: np.ndarray[tuple[int], np.dtype[np.bool_]]
+
+
+def planar_grid(canvas: Canvas, config: PlanarConfig) -> PlanarGrid:
+    """A regular grid inside the original and a coarser one, aligned with it, in the outpainted margin."""
+    left, top, right, bottom = canvas.margins
+    height, width = canvas.image.shape[:2]
+    inner_w, inner_h = width - left - right, height - top - bottom
+    spacing = 1 / math.sqrt(config.anchors_per_pixel)
+    nx, ny = max(2, round(inner_w / spacing)), max(2, round(inner_h / spacing))
+    inner = _cells(nx, ny, inner_w / nx, inner_h / ny) + [left, top]
+    coarse = spacing * config.margin_spacing
+    # The coarse grid continues beyond the original on each side by whole cells, so that no anchor lies inside it.
+    ox, oy = math.ceil(left / coarse), math.ceil(top / coarse)
+    mx, my = max(1, round(inner_w / coarse)), max(1, round(inner_h / coarse))
+    cw, ch = inner_w / mx, inner_h / my
+    columns, rows = ox + mx + math.ceil(right / coarse), oy + my + math.ceil(bottom / coarse)
+    outer = _cells(columns, rows, cw, ch) + [left - ox * cw, top - oy * ch]
+    inside = ((outer > [left, top]) & (outer < [width - right, height - bottom])).all(1)
+    on_canvas = ((outer > [-cw, -ch]) & (outer < [width + cw, height + ch])).all(1)
+    outer = outer[~inside & on_canvas]
+    return PlanarGrid(
+        np.concatenate([inner, outer]),
+        np.concatenate([np.full(len(inner), max(inner_w / nx, inner_h / ny)), np.full(len(outer), max(cw, ch))]),
+        np.arange(len(inner) + len(outer)) < len(inner),
+    )
+
+
+def _cells(nx: int, ny: int, width: float, height: float) -> Float64Array:
+    """Centres of nx by ny cells, row by row, [nx * ny, 2]."""
+    x, y = np.meshgrid((np.arange(nx) + 0.5) * width, (np.arange(ny) + 0.5) * height)
+    return np.stack([x.ravel(), y.ravel()], 1)
+
+
+def planar_anchors(canvas: Canvas, grid: PlanarGrid, config: PlanarConfig) -> GaussianAnchors:
+    """Anchors on the plane z = `PLANE_DEPTH` in front of the camera, discs that face along its axis.
+
+    Features are zero but for the density channel; a solver or the hash encoding fills the rest.
+    """
+    means = canvas.camera.unproject(grid.pixels, np.full(len(grid.pixels), PLANE_DEPTH))
+    sigma = config.kappa * grid.spacing * PLANE_DEPTH / canvas.camera.K[0, 0]
+    deviations = np.stack([sigma, sigma, sigma * config.thickness], 1)
+    n = len(means)
+    features = torch.zeros(n, FEATURE_DIM)
+    features[:, DENSITY_CHANNEL] = 1.0
+    identity = torch.zeros(n, 4)
+    identity[:, 0] = 1.0
+    stage = np.where(grid.in_original, Stage.ORIGINAL, Stage.OUTPAINTED).astype(np.uint8)
+    return GaussianAnchors(
+        means=_float32(means),
+        log_variances=_float32(2 * np.log(deviations)),
+        quaternions=identity,
+        opacity_logits=torch.full((n,), config.opacity_logit),
+        features=features,
+        stage=torch.from_numpy(stage),
+    )
+
+
+def rest_positions(canvas: Canvas, grid: PlanarGrid) -> Tensor:
+    """Canonical image coordinates in [0, 1]^2 at which the hash encoding is read, [N, 2]."""
+    height, width = canvas.image.shape[:2]
+    return _float32(grid.pixels / [width, height])
+
+
+def _float32(array: Float64Array) -> Tensor:
+    return torch.from_numpy(np.ascontiguousarray(array, dtype=np.float32))
