@@ -1,0 +1,132 @@
+"""The scored frames of a cell at rest: lossless, so that a new metric needs no new run of the method."""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import logging
+import zipfile
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from bench.adapters.adapter import MethodOutput
+from bench.record import CellRecord, StoredFrame
+from bench.store import write_atomic
+from orca.conventions import Float32Array, UInt8Array, to_float, to_uint8
+
+__all__ = ["frame_hashes", "load_frames", "save_frames", "stored_precision"]
+
+_log = logging.getLogger(__name__)
+
+# Level 1 is 4x faster than OpenCV's default and a few per cent larger.
+_PNG = [cv2.IMWRITE_PNG_COMPRESSION, 1]
+
+
+def frame_hashes(frames: UInt8Array, indices: Sequence[int]) -> tuple[StoredFrame, ...]:
+    """SHA-256 of the pixels of each frame ([n, H, W, 3] uint8, row-major RGB), with its index in the trajectory."""
+    return tuple(
+        StoredFrame(int(index), hashlib.sha256(np.ascontiguousarray(frame).tobytes()).hexdigest())
+        for index, frame in zip(indices, frames, strict=True)
+    )
+
+
+def stored_precision(output: MethodOutput) -> MethodOutput:
+    """The output with its coverage in 1/255 steps, as it is stored.
+
+    Metrics see this one, fresh or reloaded: a score does not depend on when it was computed.
+    """
+
+    def rounded(coverage: Float32Array) -> Float32Array:
+        return to_float(to_uint8(coverage))
+
+    views = output.true_view_coverage
+    return replace(
+        output,
+        coverage=None if output.coverage is None else rounded(output.coverage),
+        true_view_coverage=None if views is None else tuple(rounded(view) for view in views),
+    )
+
+
+def save_frames(path: Path, output: MethodOutput) -> None:
+    """Write frames, coverage, input view and true views as PNG streams in one atomic ``.npz``."""
+    arrays: dict[str, NDArray[np.uint8]] = {f"frame_{i:06d}": _encode(f) for i, f in enumerate(output.frames)}
+    if output.coverage is not None:
+        arrays |= {f"coverage_{i:06d}": _encode(to_uint8(c)) for i, c in enumerate(output.coverage)}
+    if output.input_view is not None:
+        arrays["input_view"] = _encode(output.input_view)
+    if output.true_views is not None:
+        arrays["true_views"] = np.zeros(0, np.uint8)  # tells "none asked for" from "cannot render there"
+        arrays |= {f"trueview_{i:06d}": _encode(v) for i, v in enumerate(output.true_views)}
+    if output.true_view_coverage is not None:
+        arrays["true_view_coverage"] = np.zeros(0, np.uint8)
+        arrays |= {f"truecoverage_{i:06d}": _encode(to_uint8(c)) for i, c in enumerate(output.true_view_coverage)}
+    buffer = io.BytesIO()
+    np.savez(buffer, **arrays)  # type: ignore[arg-type]
+    write_atomic(path, buffer.getvalue())
+
+
+def load_frames(path: Path, record: CellRecord) -> MethodOutput | None:
+    """Read back what `save_frames` wrote for ``record``.
+
+    Returns None, and logs why, when the file is gone, broken, or holds other pixels than the record names.
+    """
+    if not path.is_file():
+        _log.warning("%s is gone: %s has to run again", path, record.method)
+        return None
+    try:
+        with np.load(path, allow_pickle=False) as archive:
+            output = _decode_all({key: archive[key] for key in archive.files}, record)
+    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile, cv2.error) as error:
+        _log.warning("%s cannot be read (%s): %s has to run again", path, error, record.method)
+        return None
+    indices = [frame.index for frame in record.frames]
+    if len(output.frames) != len(indices) or frame_hashes(output.frames, indices) != record.frames:
+        _log.warning("%s holds other pixels than its record: %s has to run again", path, record.method)
+        return None
+    return output
+
+
+def _decode_all(arrays: dict[str, NDArray[np.uint8]], record: CellRecord) -> MethodOutput:
+    def series(prefix: str) -> list[UInt8Array]:
+        return [_decode(arrays[key]) for key in sorted(arrays) if key.startswith(prefix + "_")]
+
+    coverage = series("coverage")
+    return MethodOutput(
+        frames=np.stack(series("frame")),
+        coverage=np.stack([to_float(c) for c in coverage]) if coverage else None,
+        input_view=_decode(arrays["input_view"]) if "input_view" in arrays else None,
+        true_views=tuple(series("trueview")) if "true_views" in arrays else None,
+        true_view_coverage=(
+            tuple(to_float(c) for c in series("truecoverage")) if "true_view_coverage" in arrays else None
+        ),
+        timing=_timing(record),
+        model=dict(record.model),
+        notes=record.notes,
+    )
+
+
+def _timing(record: CellRecord) -> dict[str, float]:
+    seconds: dict[str, float] = dict(record.timing.get("phases", {}))
+    if (render := record.timing.get("render_ms_per_frame")) is not None:
+        seconds["render_ms_per_frame"] = render
+    return seconds
+
+
+def _encode(image: UInt8Array) -> NDArray[np.uint8]:
+    pixels = image[..., ::-1] if image.ndim == 3 else image
+    done, stream = cv2.imencode(".png", np.ascontiguousarray(pixels), _PNG)
+    if not done:
+        raise ValueError(f"OpenCV could not encode an image of shape {image.shape}")
+    return np.asarray(stream, np.uint8).ravel()
+
+
+def _decode(stream: NDArray[np.uint8]) -> UInt8Array:
+    image = cv2.imdecode(stream, cv2.IMREAD_UNCHANGED)
+    if image is None:
+        raise ValueError("a frame is not a PNG")
+    return np.ascontiguousarray(image[..., ::-1] if image.ndim == 3 else image)

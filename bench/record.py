@@ -1,0 +1,204 @@
+"""What a run leaves behind for one method on one scene, as plain data."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import traceback
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
+from pathlib import PurePath
+from typing import Any
+
+import numpy as np
+
+from bench.metrics.metric import MetricSpec, Score
+from orca.errors import BadInput, OrcaError
+
+__all__ = ["FAILED", "SCHEMA_VERSION", "CellRecord", "Failure", "ScoreRecord", "StoredFrame", "jsonable"]
+
+SCHEMA_VERSION = 1
+
+OK, NOT_APPLICABLE, UNAVAILABLE, FAILED = "ok", "not_applicable", "unavailable", "failed"
+
+
+def jsonable(value: Any) -> Any:
+    """Plain JSON data for ``value``: numpy becomes lists and numbers, NaN becomes null, infinities the words "inf".
+
+    JSON has no NaN and no infinity, and other readers than Python's refuse them.
+    """
+    if isinstance(value, np.ndarray):
+        return jsonable(value.tolist())
+    if isinstance(value, np.generic):
+        return jsonable(value.item())
+    if isinstance(value, float) and not math.isfinite(value):
+        return None if math.isnan(value) else ("inf" if value > 0 else "-inf")
+    if dataclasses.is_dataclass(value) and not isinstance(value, type):
+        return jsonable(asdict(value))
+    if isinstance(value, Mapping):
+        return {str(key): jsonable(item) for key, item in value.items()}
+    if isinstance(value, (list, tuple, set, frozenset)):
+        return [jsonable(item) for item in value]
+    if isinstance(value, PurePath):
+        return str(value)
+    return value
+
+
+@dataclass(frozen=True)
+class Failure:
+    """Why there is no result.
+
+    Attributes:
+        kind: the `OrcaError.kind` of an expected failure, or "crash".
+        message: given / allowed / fix, in words.
+        phase: what was being done ("load", "method").
+        traceback: only for crashes.
+    """
+
+    kind: str
+    message: dict[str, str]
+    phase: str
+    traceback: str | None = None
+
+    @staticmethod
+    def of(error: Exception, phase: str) -> Failure:
+        """The typed record of an exception; anything but an `OrcaError` is a crash and keeps its traceback."""
+        if isinstance(error, OrcaError):
+            return Failure(error.kind, {"given": error.given, "allowed": error.allowed, "fix": error.fix}, phase)
+        message = {
+            "given": f"{type(error).__name__}: {error}",
+            "allowed": "a method that returns frames or raises an OrcaError",
+            "fix": "read the traceback in this record; rerun with --retry-failed once it is mended",
+        }
+        return Failure("crash", message, phase, "".join(traceback.format_exception(error)))
+
+    @property
+    def summary(self) -> str:
+        """One line for a table's footnote."""
+        return f"{self.kind} in {self.phase}: {' '.join(self.message.get('given', '').split())}"
+
+
+@dataclass(frozen=True)
+class ScoreRecord:
+    """A `Score` at rest, with the spec that made it.
+
+    Attributes:
+        value, n, reason, per_frame, detail: as in `Score`.
+        status: "ok"; "not_applicable" (the metric says so); "unavailable" (weights or packages are missing);
+            "failed" (the metric raised or returned nonsense).
+        spec: the `MetricSpec` as plain data.
+    """
+
+    value: float | None
+    n: int
+    reason: str | None
+    status: str
+    spec: dict[str, Any]
+    per_frame: list[float | None] | None = None
+    detail: dict[str, Any] = field(default_factory=dict)
+
+    @staticmethod
+    def of(score: Score, spec: MetricSpec) -> ScoreRecord:
+        """Store a score; a value that is not finite, or none without a reason, is a failure of the metric."""
+        plain = jsonable(asdict(spec))
+        if score.value is not None and not math.isfinite(score.value):
+            return ScoreRecord(None, score.n, f"the metric returned {score.value}", FAILED, plain)
+        if score.value is None and not score.reason:
+            return ScoreRecord(None, score.n, "the metric gave neither a value nor a reason", FAILED, plain)
+        status = NOT_APPLICABLE if score.value is None else OK
+        value = None if score.value is None else float(score.value)
+        per_frame = None if score.per_frame is None else jsonable(score.per_frame)
+        return ScoreRecord(value, int(score.n), score.reason, status, plain, per_frame, jsonable(score.detail))
+
+    @staticmethod
+    def without_value(spec: MetricSpec, error: Exception) -> ScoreRecord:
+        """Store why a metric has no value: unavailable, or failed with its traceback."""
+        plain = jsonable(asdict(spec))
+        failure = Failure.of(error, "metric")
+        given = " ".join(failure.message["given"].split())
+        if failure.kind == "unavailable":
+            fix = " ".join(failure.message["fix"].split())
+            return ScoreRecord(None, 0, f"{given}; {fix}", UNAVAILABLE, plain)
+        detail = {} if failure.traceback is None else {"traceback": failure.traceback}
+        return ScoreRecord(None, 0, f"{failure.kind}: {given}", FAILED, plain, detail=detail)
+
+    def made_by(self, spec: MetricSpec) -> bool:
+        """True if ``spec`` would compute the same number (its title and digits may differ)."""
+        wanted = jsonable(asdict(spec))
+        return all(self.spec.get(key) == wanted[key] for key in ("id", "variant", "version", "weights_sha256"))
+
+
+@dataclass(frozen=True)
+class StoredFrame:
+    """An evaluated frame: its index in the trajectory and the SHA-256 of its decoded RGB pixels."""
+
+    index: int
+    pixel_sha256: str
+
+
+@dataclass(frozen=True)
+class CellRecord:
+    """One method on one scene.
+
+    Attributes:
+        dataset, scene, method: which cell.
+        method_version: `Adapter.version` when it ran.
+        trajectory_sha256: hash of the full path; None when the scene could not be loaded.
+        scores: metric id -> score; empty for a failure.
+        frames: the evaluated frames, in order.
+        timing: "phases" (seconds, as the method gave them), "wall_s" (the whole call), "load_s",
+            "render_ms_per_frame", and "metrics" (seconds per metric family).
+        host: machine facts of `bench.host`.
+        model: size and make of the model, as the method gave it.
+        notes: what a reader must know.
+        failure: why there is no result, or None.
+    """
+
+    dataset: str
+    scene: str
+    method: str
+    method_version: str
+    trajectory_sha256: str | None
+    scores: dict[str, ScoreRecord] = field(default_factory=dict)
+    frames: tuple[StoredFrame, ...] = ()
+    timing: dict[str, Any] = field(default_factory=dict)
+    host: dict[str, Any] = field(default_factory=dict)
+    model: dict[str, Any] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
+    failure: Failure | None = None
+    schema_version: int = SCHEMA_VERSION
+
+    @property
+    def any_failed(self) -> bool:
+        """True if the method, or one of the metrics, failed."""
+        return self.failure is not None or any(score.status == FAILED for score in self.scores.values())
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain data, readable by `from_json`."""
+        document = jsonable(asdict(self))
+        if not isinstance(document, dict):
+            raise TypeError("a record is a JSON object")
+        return {"schema_version": document.pop("schema_version"), **document}
+
+    @staticmethod
+    def from_json(document: dict[str, Any], source: str) -> CellRecord:
+        """Read what `to_json` wrote; ``source`` names the file in the `BadInput` of a broken one."""
+        try:
+            if document["schema_version"] != SCHEMA_VERSION:
+                raise ValueError(f"schema_version {document['schema_version']}")
+            failure = document.get("failure")
+            return CellRecord(
+                **{
+                    **document,
+                    "scores": {key: ScoreRecord(**score) for key, score in document["scores"].items()},
+                    "frames": tuple(StoredFrame(**frame) for frame in document["frames"]),
+                    "notes": tuple(document["notes"]),
+                    "failure": None if failure is None else Failure(**failure),
+                }
+            )
+        except (KeyError, TypeError, ValueError, AttributeError) as error:
+            raise BadInput(
+                f"{source} is not a result of this bench ({type(error).__name__}: {error})",
+                f"a JSON object of schema_version {SCHEMA_VERSION}, as bench run writes it",
+                "delete the file and run again, or choose another --out",
+            ) from error

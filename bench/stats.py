@@ -1,0 +1,86 @@
+"""Means that say what they are means of, and intervals around them."""
+
+from __future__ import annotations
+
+import math
+import random
+from collections.abc import Sequence
+from dataclasses import dataclass
+from statistics import NormalDist, fmean
+
+from orca.errors import BadInput
+
+__all__ = ["Mean", "bootstrap_interval", "mean_of_present", "wilson_interval"]
+
+
+@dataclass(frozen=True)
+class Mean:
+    """A mean over scenes.
+
+    Attributes:
+        value: mean of the scenes that have a value; None when none has.
+        present: how many scenes have a value.
+        total: how many scenes there are.
+    """
+
+    value: float | None
+    present: int
+    total: int
+
+    @property
+    def complete(self) -> bool:
+        """True if every scene has a value; only then is the mean one of the data set."""
+        return self.total > 0 and self.present == self.total
+
+
+def mean_of_present(values: Sequence[float | None]) -> Mean:
+    """Mean over the values that are there, with the count of those that are not."""
+    present = [value for value in values if value is not None]
+    return Mean(fmean(present) if present else None, len(present), len(values))
+
+
+def wilson_interval(successes: int, trials: int, confidence: float = 0.95) -> tuple[float, float]:
+    """Wilson score interval of a proportion (Wilson 1927), within [0, 1].
+
+    Raises `BadInput` unless 0 <= successes <= trials and trials >= 1.
+    """
+    _check_confidence(confidence)
+    if trials < 1 or not 0 <= successes <= trials:
+        raise BadInput(
+            f"{successes} successes of {trials} trials", "0 <= successes <= trials, trials >= 1", "check the counts"
+        )
+    z = NormalDist().inv_cdf(0.5 + confidence / 2)
+    p = successes / trials
+    scale = 1 + z * z / trials
+    centre = (p + z * z / (2 * trials)) / scale
+    half = z / scale * math.sqrt(p * (1 - p) / trials + z * z / (4 * trials * trials))
+    return max(0.0, centre - half), min(1.0, centre + half)
+
+
+def bootstrap_interval(
+    values: Sequence[float], confidence: float = 0.95, resamples: int = 2000, seed: int = 0
+) -> tuple[float, float]:
+    """Percentile bootstrap interval of the mean over scenes (Efron 1979), the same for the same seed.
+
+    Raises `BadInput` for no values, or values that are not finite.
+    """
+    _check_confidence(confidence)
+    if not values or not all(math.isfinite(value) for value in values):
+        raise BadInput(f"values {list(values)}", "at least one finite value", "leave out scenes without a score")
+    draw = random.Random(seed)
+    means = sorted(fmean(draw.choices(values, k=len(values))) for _ in range(resamples))
+    tail = (1 - confidence) / 2
+    return _quantile(means, tail), _quantile(means, 1 - tail)
+
+
+def _quantile(ordered: Sequence[float], q: float) -> float:
+    """Linear interpolation between order statistics (the definition of numpy's default)."""
+    position = q * (len(ordered) - 1)
+    low = math.floor(position)
+    high = min(low + 1, len(ordered) - 1)
+    return ordered[low] + (ordered[high] - ordered[low]) * (position - low)
+
+
+def _check_confidence(confidence: float) -> None:
+    if not 0 < confidence < 1:
+        raise BadInput(f"confidence {confidence}", "a number between 0 and 1", "give 0.95 for a 95 % interval")

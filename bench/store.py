@@ -1,0 +1,117 @@
+"""Results on disk: one atomic JSON a cell, readable with any tool, never half written."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from bench.record import CellRecord, jsonable
+from bench.trajectories.trajectory import Trajectory
+from orca.atomic import atomic_path, output_folder
+from orca.errors import BadInput
+
+__all__ = ["RunStore", "write_atomic", "write_json"]
+
+
+def write_atomic(path: Path, content: bytes) -> None:
+    """Write a file so that a reader, or a crash, sees the old one or the new one and nothing between."""
+    with atomic_path(path) as temporary, temporary.open("wb") as file:
+        file.write(content)
+        file.flush()
+        os.fsync(file.fileno())
+
+
+def write_json(path: Path, document: Any) -> None:
+    """Write a JSON file atomically; non-finite numbers are written as `jsonable` says."""
+    text = json.dumps(jsonable(document), indent=1, allow_nan=False, ensure_ascii=False)
+    write_atomic(path, (text + "\n").encode())
+
+
+def _read_json(path: Path) -> dict[str, Any]:
+    try:
+        document = json.loads(path.read_text())
+        if not isinstance(document, dict):
+            raise ValueError("not a JSON object")
+    except ValueError as error:
+        raise BadInput(
+            f"{path} cannot be read ({error})",
+            "the JSON object that bench run wrote",
+            "delete the file and run again, or choose another --out",
+        ) from error
+    return document
+
+
+class RunStore:
+    """The folder of one run.
+
+    ``run.json``, ``scenes/<method>/<scene>.json``, ``frames/<method>/<scene>.npz``, ``trajectories/<sha256>.json``,
+    ``tables/``, and ``work/<method>/<scene>/`` for what a method leaves behind.
+
+    Args:
+        root: the folder; made when the first file is written.
+    """
+
+    def __init__(self, root: Path) -> None:
+        self.root = Path(root)
+
+    def record_path(self, method: str, scene: str) -> Path:
+        """Where the result of a cell lies. Raises `BadInput` for a name that would leave the folder."""
+        return self._cell("scenes", method, scene, ".json")
+
+    def frames_path(self, method: str, scene: str) -> Path:
+        """Where the scored frames of a cell lie."""
+        return self._cell("frames", method, scene, ".npz")
+
+    def fresh_work_dir(self, method: str, scene: str) -> Path:
+        """An empty folder for the method's own files: nothing of an older version of the method is left in it."""
+        folder = self._cell("work", method, scene, "")
+        shutil.rmtree(folder, ignore_errors=True)
+        return output_folder(folder)
+
+    def load(self, method: str, scene: str) -> CellRecord | None:
+        """The result of a cell, or None when there is none. Raises `BadInput` for a broken file."""
+        path = self.record_path(method, scene)
+        return CellRecord.from_json(_read_json(path), str(path)) if path.is_file() else None
+
+    def save(self, record: CellRecord) -> None:
+        """Write the result of a cell, atomically."""
+        write_json(self.record_path(record.method, record.scene), record.to_json())
+
+    def records(self) -> Iterator[CellRecord]:
+        """Every result in the folder, by method and scene name."""
+        for path in sorted((self.root / "scenes").glob("*/*.json")):
+            if path.name.startswith("."):  # what a killed writer leaves
+                continue
+            yield CellRecord.from_json(_read_json(path), str(path))
+
+    def load_run(self) -> dict[str, Any] | None:
+        """The contents of ``run.json``, or None for a new folder."""
+        path = self.root / "run.json"
+        return _read_json(path) if path.is_file() else None
+
+    def save_run(self, document: dict[str, Any]) -> None:
+        """Write ``run.json``, atomically."""
+        write_json(self.root / "run.json", document)
+
+    def save_trajectory(self, trajectory: Trajectory) -> None:
+        """Keep the cameras of a result beside it, under their hash."""
+        path = self.root / "trajectories" / f"{trajectory.sha256}.json"
+        if not path.is_file():
+            write_json(path, trajectory.to_json())
+
+    def load_trajectory(self, sha256: str) -> Trajectory | None:
+        """The cameras with that hash, or None if this run has none."""
+        path = self.root / "trajectories" / f"{sha256}.json"
+        return Trajectory.from_json(_read_json(path)) if path.is_file() else None
+
+    def _cell(self, kind: str, method: str, scene: str, suffix: str) -> Path:
+        for name in (method, scene):
+            if not name or name.startswith(".") or "/" in name or "\\" in name or "\0" in name:
+                raise BadInput(
+                    f"the name {name!r}", "a name that can be a file name: no slash, no leading dot", "rename the image"
+                )
+        return self.root / kind / method / f"{scene}{suffix}"

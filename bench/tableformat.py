@@ -1,0 +1,157 @@
+"""A table as data, and the three ways it is written: aligned text, Markdown, CSV."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+__all__ = ["Head", "Row", "Table", "TableCell"]
+
+_GAP = "  "
+
+
+@dataclass(frozen=True)
+class Head:
+    """A value column: its machine name and its heading for people."""
+
+    key: str
+    title: str
+
+
+@dataclass(frozen=True)
+class TableCell:
+    """One cell.
+
+    Attributes:
+        text: what people read ("23.04 (4/5) [1]", "n/a [2]", "fail [3]", "-").
+        value: what machines read; None where there is no number.
+        scenes: "present/total" where the value is a mean.
+        low, high: 95 % bootstrap interval over the scenes, where the value is a mean of two or more.
+        bold: strictly best of its column.
+    """
+
+    text: str
+    value: float | None = None
+    scenes: str = ""
+    low: float | None = None
+    high: float | None = None
+    bold: bool = False
+
+
+@dataclass(frozen=True)
+class Row:
+    """Labels on the left, cells on the right; ``group_start`` marks the first row of a group of rows."""
+
+    labels: tuple[str, ...]
+    cells: tuple[TableCell, ...]
+    group_start: bool = False
+
+
+@dataclass(frozen=True)
+class Table:
+    """A whole table.
+
+    Attributes:
+        name: file name without suffix.
+        title: one line above.
+        label_heads: headings of the label columns.
+        heads: the value columns.
+        rows: the lines.
+        notes: caption and footnotes, below.
+    """
+
+    name: str
+    title: str
+    label_heads: tuple[str, ...]
+    heads: tuple[Head, ...]
+    rows: tuple[Row, ...]
+    notes: tuple[str, ...] = ()
+
+    def to_text(self, width: int = 120) -> str:
+        """Aligned plain text; columns that do not fit in ``width`` go into further blocks with the labels repeated."""
+        labels = _aligned([self.label_heads, *(_shown_labels(row) for row in self.rows)], left=True)
+        blocks = []
+        for block in self._blocks(width - len(labels[0])):
+            values = _aligned(
+                [[self.heads[i].title for i in block], *([r.cells[i].text for i in block] for r in self.rows)]
+            )
+            lines = [(label + _GAP + value).rstrip() for label, value in zip(labels, values, strict=True)]
+            rule = "-" * max(map(len, lines))
+            body = [line for row, line in zip(self.rows, lines[1:], strict=True) for line in _with_rule(row, line)]
+            blocks.append("\n".join([lines[0], rule, *body]))
+        return "\n\n".join([self.title, *blocks, *(["\n".join(self.notes)] if self.notes else [])]) + "\n"
+
+    def to_markdown(self) -> str:
+        """A GitHub table, bold where strictly best, notes as a list below."""
+        heads = [*self.label_heads, *(head.title for head in self.heads)]
+        rule = ["---"] * len(self.label_heads) + ["---:"] * len(self.heads)
+        lines = [heads, rule]
+        for row in self.rows:
+            lines.append([*_shown_labels(row), *(f"**{c.text}**" if c.bold else c.text for c in row.cells)])
+        body = "\n".join("| " + " | ".join(text.replace("|", "\\|") for text in line) + " |" for line in lines)
+        notes = "\n".join(f"- {note}" for note in self.notes)
+        return f"### {self.title}\n\n{body}\n" + (f"\n{notes}\n" if notes else "")
+
+    def to_csv(self) -> str:
+        """Raw numbers, empty where there is none; means get a second column ``<key>_scenes`` with present/total."""
+        counted = [any(row.cells[i].scenes for row in self.rows) for i in range(len(self.heads))]
+        out = io.StringIO()
+        writer = csv.writer(out, lineterminator="\n")
+        names = [[head.key, f"{head.key}_scenes"] if both else [head.key] for head, both in zip(self.heads, counted)]
+        writer.writerow([*(head.lower() for head in self.label_heads), *(name for pair in names for name in pair)])
+        for row in self.rows:
+            line: list[str] = list(row.labels)
+            for cell, both in zip(row.cells, counted):
+                line.append("" if cell.value is None else repr(round(cell.value, 6)))
+                line += [cell.scenes] if both else []
+            writer.writerow(line)
+        return out.getvalue()
+
+    def to_json(self) -> dict[str, Any]:
+        """The table as plain data."""
+        rows = []
+        for row in self.rows:
+            labels = {head.lower(): label for head, label in zip(self.label_heads, row.labels, strict=True)}
+            rows.append(labels | {"cells": {h.key: _cell_json(c) for h, c in zip(self.heads, row.cells, strict=True)}})
+        return {"name": self.name, "title": self.title, "rows": rows, "notes": list(self.notes)}
+
+    def _blocks(self, room: int) -> list[list[int]]:
+        """Indices of the value columns, cut where the next one would not fit; at least one a block."""
+        blocks: list[list[int]] = [[]]
+        used = 0
+        for i, head in enumerate(self.heads):
+            need = len(_GAP) + max(len(head.title), *(len(row.cells[i].text) for row in self.rows), 0)
+            if blocks[-1] and used + need > room:
+                blocks.append([])
+                used = 0
+            blocks[-1].append(i)
+            used += need
+        return blocks
+
+
+def _cell_json(cell: TableCell) -> dict[str, Any]:
+    plain: dict[str, Any] = {"value": cell.value, "text": cell.text}
+    if cell.scenes:
+        plain["scenes"] = cell.scenes
+    if cell.low is not None:
+        plain["interval95"] = [cell.low, cell.high]
+    return plain
+
+
+def _shown_labels(row: Row) -> list[str]:
+    """A group's name stands on its first row only, as the paper's multirow has it."""
+    return list(row.labels) if row.group_start or len(row.labels) == 1 else ["", *row.labels[1:]]
+
+
+def _with_rule(row: Row, line: str) -> list[str]:
+    return ["", line] if row.group_start and len(row.labels) > 1 else [line]
+
+
+def _aligned(rows: Sequence[Sequence[str]], left: bool = False) -> list[str]:
+    widths = [max(len(row[i]) for row in rows) for i in range(len(rows[0]))]
+    return [
+        _GAP.join(text.ljust(w) if left else text.rjust(w) for text, w in zip(row, widths, strict=True)) for row in rows
+    ]
