@@ -90,7 +90,7 @@ def test_photos_with_another_path_and_unknown_names() -> None:
 
 
 def test_missing_package_file() -> None:
-    with pytest.raises(Unavailable, match="none.png"):
+    with pytest.raises(Unavailable, match=r"none\.png"):
         package_file("none.png")
 
 
