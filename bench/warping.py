@@ -1,0 +1,194 @@
+"""Forward warping of RGB-D: nearest point splats with a z-buffer, and which input pixels a view surely sees."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from orca.camera import Camera
+from orca.conventions import PIXEL_CENTRE, Float32Array, Float64Array, UInt8Array
+from orca.errors import BadInput
+
+__all__ = ["Projection", "Splat", "forward_splat", "project_depth", "sure_points"]
+
+
+@dataclass(frozen=True, eq=False)
+class Projection:
+    """Where every pixel of a depth image falls in another view.
+
+    Attributes:
+        pixels: exact positions (x, y) in the target, [n, 2] float64, n = source height * width; NaN where not usable.
+        z: z-depth in the target camera, [n] float64; NaN where not usable.
+        index: flat target pixel, [n] int64; -1 for a point behind the camera, outside the frame or without a depth.
+    """
+
+    pixels: Float64Array
+    z: Float64Array
+    index: NDArray[np.int64]
+
+
+@dataclass(frozen=True, eq=False)
+class Splat:
+    """A forward-warped image.
+
+    Attributes:
+        rgb: [H, W, 3] uint8, black at holes.
+        depth: z-depth of the winning point, [H, W] float32, infinite at holes.
+        hit: [H, W] bool, pixels that at least one point reaches.
+        source: flat source pixel of the winning point, [H, W] int64, -1 at holes.
+    """
+
+    rgb: UInt8Array
+    depth: Float32Array
+    hit: NDArray[np.bool_]
+    source: NDArray[np.int64]
+
+
+def project_depth(depth: Float32Array, source: Camera, target: Camera) -> Projection:
+    """Project every pixel centre of a depth image into another camera.
+
+    Args:
+        depth: z-depth in the source camera, [H, W]; points that are not finite and positive are dropped.
+        source: camera of the depth image, of its size.
+        target: camera to project into.
+
+    Raises:
+        BadInput: the depth is not of the source camera's size.
+    """
+    _check_size("depth", depth.shape, source)
+    flat = np.asarray(depth, np.float64).ravel()
+    usable = np.isfinite(flat) & (flat > 0)
+    u, v, z = _homogeneous(np.where(usable, flat, 1.0), source, target)
+    usable &= z > 0
+    z[~usable] = np.nan
+    pixels = np.stack([u / z, v / z], axis=1)
+    x, y = pixels[:, 0], pixels[:, 1]
+    inside = usable & (x >= 0) & (x < target.width) & (y >= 0) & (y < target.height)
+    # Pixel i covers [i, i + 1): with centres at +0.5, the nearest pixel is the floor of the position.
+    index = np.full(flat.shape, -1, np.int64)
+    index[inside] = np.floor(y[inside]).astype(np.int64) * target.width + np.floor(x[inside]).astype(np.int64)
+    return Projection(pixels, z, index)
+
+
+def forward_splat(image: UInt8Array, depth: Float32Array, source: Camera, target: Camera) -> Splat:
+    """Warp an RGB-D image into another camera: each pixel lands on its nearest target pixel, the nearest point wins.
+
+    One pixel is one point: where the view magnifies, cracks stay open (they are holes). Equal depths go to the first
+    source pixel in row-major order, so the result does not depend on the sort.
+
+    Args:
+        image: [H, W, 3] uint8 at the source camera.
+        depth: z-depth, [H, W], in the units of the poses.
+        source: camera of the image.
+        target: camera to render.
+
+    Raises:
+        BadInput: image or depth are not of the source camera's size.
+    """
+    _check_size("image", image.shape[:2], source)
+    winner = _z_buffer(project_depth(depth, source, target), target)
+    hit = winner.source >= 0
+    rgb = np.zeros((target.height, target.width, 3), np.uint8)
+    rgb[hit] = image.reshape(-1, 3)[winner.source[hit]]
+    return Splat(rgb, winner.depth, hit, winner.source)
+
+
+def sure_points(
+    depth: Float32Array,
+    source: Camera,
+    target: Camera,
+    *,
+    window: int = 5,
+    depth_tolerance: float = 0.02,
+    edge_ratio: float = 1.05,
+) -> tuple[NDArray[np.bool_], Projection]:
+    """Say which input pixels a target view surely shows.
+
+    A point is sure if it falls at least one pixel inside the target frame, no splat within ``window`` pixels lies in
+    front of it by more than ``depth_tolerance`` (the window closes the cracks through which a background point would
+    leak between foreground points), and its 3x3 neighbourhood in the input spans less than ``edge_ratio`` in depth
+    (at a depth edge nobody knows which side a pixel's colour belongs to).
+
+    Args:
+        depth: z-depth of the input, [H, W].
+        source: the input camera.
+        target: the novel view.
+        window: side of the occlusion window in target pixels, odd.
+        depth_tolerance: relative depth difference that still counts as the same surface.
+        edge_ratio: largest ratio of depths within 3x3 input pixels.
+
+    Returns:
+        [n] bool over the input pixels in row-major order, and the projection.
+    """
+    projection = project_depth(depth, source, target)
+    front = _local_minimum(_z_buffer(projection, target).depth, window).ravel()
+    inside = np.flatnonzero(projection.index >= 0)
+    x, y = projection.pixels[inside].T
+    visible = (x >= 1) & (y >= 1) & (x <= target.width - 1) & (y <= target.height - 1)
+    nearest = front[projection.index[inside]].astype(np.float64)
+    visible &= projection.z[inside] <= nearest * (1.0 + depth_tolerance)
+    sure = np.zeros(len(projection.z), np.bool_)
+    sure[inside] = visible
+    return sure & ~_depth_edges(depth, edge_ratio).ravel(), projection
+
+
+def _homogeneous(
+    depth: Float64Array, source: Camera, target: Camera
+) -> tuple[Float64Array, Float64Array, Float64Array]:
+    """Homogeneous target pixels (u, v, z) of all source pixels, each [n]: z_source H (x, y, 1) + b.
+
+    The same as unprojecting and projecting, but faster: H = K_t R K_s^-1 and b = K_t t of the relative pose.
+    """
+    rotation = target.rotation @ source.rotation.T
+    H = target.K @ rotation @ np.linalg.inv(source.K)
+    b = target.K @ (target.translation - rotation @ source.translation)
+    x = np.arange(source.width) + PIXEL_CENTRE
+    y = (np.arange(source.height) + PIXEL_CENTRE)[:, None]
+    u, v, z = (depth * (H[k, 0] * x + (H[k, 1] * y + H[k, 2])).ravel() + b[k] for k in range(3))
+    return u, v, z
+
+
+@dataclass(frozen=True, eq=False)
+class _Winner:
+    depth: Float32Array
+    source: NDArray[np.int64]
+
+
+def _z_buffer(projection: Projection, target: Camera) -> _Winner:
+    """Nearest point per target pixel, ties to the first source pixel."""
+    # Reversed, so that among equally near points the first one is written last.
+    points = np.flatnonzero(projection.index >= 0)[::-1]
+    cell, z = projection.index[points], projection.z[points]
+    nearest = np.full(target.height * target.width, np.inf)
+    np.minimum.at(nearest, cell, z)
+    won = z == nearest[cell]
+    source = np.full(nearest.shape, -1, np.int64)
+    source[cell[won]] = points[won]
+    shape = (target.height, target.width)
+    return _Winner(nearest.astype(np.float32).reshape(shape), source.reshape(shape))
+
+
+def _local_minimum(depth: Float32Array, window: int) -> Float32Array:
+    """Minimum over a square window, holes (infinite) ignored."""
+    return np.asarray(cv2.erode(depth, np.ones((window, window), np.uint8)), np.float32)
+
+
+def _depth_edges(depth: Float32Array, ratio: float) -> NDArray[np.bool_]:
+    """Pixels whose 3x3 neighbourhood spans more than ``ratio`` in depth, or holds an unusable depth."""
+    usable = np.isfinite(depth) & (depth > 0)
+    kernel = np.ones((3, 3), np.uint8)
+    far = cv2.dilate(np.where(usable, depth, np.inf).astype(np.float32), kernel)
+    near = cv2.erode(np.where(usable, depth, 0.0).astype(np.float32), kernel)
+    return np.asarray(~(far < near * ratio))
+
+
+def _check_size(what: str, shape: tuple[int, ...], camera: Camera) -> None:
+    if tuple(shape) != (camera.height, camera.width):
+        raise BadInput(
+            f"{what} of shape {tuple(shape)} for a camera of {camera.width}x{camera.height} pixels",
+            f"shape ({camera.height}, {camera.width})",
+            "resize the image or the camera (Camera.resized)",
+        )
