@@ -42,12 +42,12 @@ class Inpainter(Protocol):
         ...
 
 
-INPAINTERS: Registry[Inpainter] = Registry(
+INPAINTERS: Registry[type[Inpainter]] = Registry(
     "inpainter",
     {
-        "telea": "orca.priors.classical:TELEA",
-        "navier-stokes": "orca.priors.classical:NAVIER_STOKES",
-        "nearest": "orca.priors.classical:NEAREST",
+        "telea": "orca.priors.classical:TeleaInpainter",
+        "navier-stokes": "orca.priors.classical:NavierStokesInpainter",
+        "nearest": "orca.priors.classical:NearestInpainter",
     },
 )
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Literal, Protocol
 
 import cv2
@@ -12,7 +11,7 @@ from orca.conventions import Float32Array
 from orca.errors import BadInput
 from orca.registry import Registry
 
-__all__ = ["OUTPAINTERS", "BorderOutpainter", "Outpainter", "extend_depth"]
+__all__ = ["OUTPAINTERS", "EdgeOutpainter", "MirrorOutpainter", "Outpainter", "extend_depth"]
 
 Mode = Literal["mirror", "edge"]
 
@@ -45,41 +44,39 @@ class Outpainter(Protocol):
         ...
 
 
-OUTPAINTERS: Registry[Outpainter] = Registry(
-    "outpainter", {"mirror": "orca.priors.outpaint:MIRROR", "edge": "orca.priors.outpaint:EDGE"}
+OUTPAINTERS: Registry[type[Outpainter]] = Registry(
+    "outpainter",
+    {"mirror": "orca.priors.outpaint:MirrorOutpainter", "edge": "orca.priors.outpaint:EdgeOutpainter"},
 )
 
 
-@dataclass(frozen=True)
-class BorderOutpainter:
-    """Reflected (``mirror``) or replicated (``edge``) border, blurred in proportion to the distance from the frame.
+class MirrorOutpainter:
+    """The image is reflected at its border, again and again for margins larger than itself, and blurred with distance.
 
-    Margins larger than the image reflect again and again. No detail is invented, and the blur says so.
+    No detail is invented, and the blur says so.
     """
 
-    mode: Mode
-
-    @property
-    def name(self) -> str:
-        """Its name in the registry."""
-        return self.mode
+    name = "mirror"
 
     def outpaint(self, image: Float32Array, left: int, top: int, right: int, bottom: int) -> Float32Array:
         """See `Outpainter`."""
-        pixels = np.asarray(image, np.float32)
-        if pixels.ndim != 3 or pixels.shape[2] != 3 or pixels.size == 0:
-            raise BadInput(f"image of shape {pixels.shape}", "[H, W, 3]", "give an RGB image")
-        return _extend(pixels, (left, top, right, bottom), self.mode)
+        return _extend(_rgb(image), (left, top, right, bottom), "mirror")
 
 
-MIRROR: Outpainter = BorderOutpainter("mirror")
-EDGE: Outpainter = BorderOutpainter("edge")
+class EdgeOutpainter:
+    """The outermost pixels are repeated and blurred with distance."""
+
+    name = "edge"
+
+    def outpaint(self, image: Float32Array, left: int, top: int, right: int, bottom: int) -> Float32Array:
+        """See `Outpainter`."""
+        return _extend(_rgb(image), (left, top, right, bottom), "edge")
 
 
 def extend_depth(
     depth: Float32Array, left: int, top: int, right: int, bottom: int, mode: Mode = "mirror"
 ) -> Float32Array:
-    """Extend a depth map the way `BorderOutpainter` of the same mode extends the colours.
+    """Extend a depth map the way the outpainter of the same name extends the colours.
 
     Smoothing is done on inverse depth, so that far outliers do not bleed; the result stays within the range of the
     given depths and is continuous at the frame.
@@ -105,6 +102,13 @@ def extend_depth(
     canvas = 1.0 / _extend(inverse, (left, top, right, bottom), mode)
     canvas[top : top + values.shape[0], left : left + values.shape[1]] = values
     return np.asarray(canvas, np.float32)
+
+
+def _rgb(image: Float32Array) -> Float32Array:
+    pixels = np.asarray(image, np.float32)
+    if pixels.ndim != 3 or pixels.shape[2] != 3 or pixels.size == 0:
+        raise BadInput(f"image of shape {pixels.shape}", "[H, W, 3]", "give an RGB image")
+    return pixels
 
 
 def _extend(field: Float32Array, margins: tuple[int, int, int, int], mode: Mode) -> Float32Array:

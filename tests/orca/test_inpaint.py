@@ -32,7 +32,7 @@ def hole(top: int = 10, left: int = 12, height: int = 9, width: int = 14) -> np.
 def test_only_the_hole_changes(name: str, top: int, left: int, height: int, width: int) -> None:
     image, mask = picture(), hole(top, left, height, width)
     image[mask] = np.nan  # what lies under the mask must not matter
-    result = INPAINTERS.get(name).inpaint(image, mask)
+    result = INPAINTERS.get(name)().inpaint(image, mask)
     assert result.dtype == np.float32
     np.testing.assert_array_equal(result[~mask], image[~mask])
     assert np.isfinite(result).all()
@@ -45,7 +45,7 @@ def test_a_hole_in_a_flat_region_takes_its_colour(name: str) -> None:
     image = np.broadcast_to(np.array([0.2, 0.5, 0.8], np.float32), (H, W, 3)).copy()
     mask = hole()
     image[mask] = 0
-    result = INPAINTERS.get(name).inpaint(image, mask)
+    result = INPAINTERS.get(name)().inpaint(image, mask)
     np.testing.assert_allclose(result[mask], np.broadcast_to([0.2, 0.5, 0.8], (mask.sum(), 3)), atol=3 / 255)
 
 
@@ -54,21 +54,21 @@ def test_nearest_by_hand() -> None:
     image[:, W // 2 :] = 1
     mask = np.zeros((H, W), bool)
     mask[:, W // 2 - 3 : W // 2 + 3] = True
-    result = INPAINTERS.get("nearest").inpaint(image, mask)
+    result = INPAINTERS.get("nearest")().inpaint(image, mask)
     np.testing.assert_array_equal(result, image)
 
 
 @pytest.mark.parametrize("name", list(INPAINTERS))
 def test_an_empty_mask_changes_nothing(name: str) -> None:
     image = picture()
-    result = INPAINTERS.get(name).inpaint(image, np.zeros((H, W), bool))
+    result = INPAINTERS.get(name)().inpaint(image, np.zeros((H, W), bool))
     np.testing.assert_array_equal(result, image)
     assert result is not image
 
 
 @pytest.mark.parametrize("name", list(INPAINTERS))
 def test_bad_input_is_typed(name: str) -> None:
-    inpainter = INPAINTERS.get(name)
+    inpainter = INPAINTERS.get(name)()
     with pytest.raises(BadInput, match="covers the whole"):
         inpainter.inpaint(picture(), np.ones((H, W), bool))
     with pytest.raises(BadInput, match="mask of shape"):
@@ -87,7 +87,7 @@ def test_a_failing_back_end_has_its_own_type(monkeypatch: pytest.MonkeyPatch) ->
 
     monkeypatch.setattr(classical.cv2, "inpaint", fail)
     with pytest.raises(InpaintFailed):
-        INPAINTERS.get("telea").inpaint(picture(), hole())
+        INPAINTERS.get("telea")().inpaint(picture(), hole())
 
 
 def test_unknown_name_has_a_hint() -> None:

@@ -21,7 +21,7 @@ def picture(height: int = 40, width: int = 30, seed: int = 0) -> np.ndarray:
 @given(margin, margin, margin, margin, st.sampled_from(list(OUTPAINTERS)))
 def test_the_original_is_kept_bit_for_bit(left: int, top: int, right: int, bottom: int, name: str) -> None:
     image = picture()
-    canvas = OUTPAINTERS.get(name).outpaint(image, left, top, right, bottom)
+    canvas = OUTPAINTERS.get(name)().outpaint(image, left, top, right, bottom)
     assert canvas.shape == (40 + top + bottom, 30 + left + right, 3)
     assert canvas.dtype == np.float32
     np.testing.assert_array_equal(canvas[top : top + 40, left : left + 30], image)
@@ -31,15 +31,15 @@ def test_the_original_is_kept_bit_for_bit(left: int, top: int, right: int, botto
 
 def test_no_margin_is_a_copy() -> None:
     image = picture()
-    canvas = OUTPAINTERS.get("mirror").outpaint(image, 0, 0, 0, 0)
+    canvas = OUTPAINTERS.get("mirror")().outpaint(image, 0, 0, 0, 0)
     np.testing.assert_array_equal(canvas, image)
     assert canvas is not image
 
 
 def test_mirror_starts_as_a_reflection_and_edge_as_a_copy() -> None:
     image = picture()
-    mirror = OUTPAINTERS.get("mirror").outpaint(image, 0, 0, 3, 0)
-    edge = OUTPAINTERS.get("edge").outpaint(image, 0, 0, 3, 0)
+    mirror = OUTPAINTERS.get("mirror")().outpaint(image, 0, 0, 3, 0)
+    edge = OUTPAINTERS.get("edge")().outpaint(image, 0, 0, 3, 0)
     # next to the frame the blur is a small fraction of a pixel
     assert np.abs(mirror[:, 30] - image[:, 29]).max() < 0.15
     assert np.abs(mirror[:, 31] - image[:, 28]).mean() < 0.5 * np.abs(mirror[:, 31] - image[:, 29]).mean()
@@ -47,7 +47,7 @@ def test_mirror_starts_as_a_reflection_and_edge_as_a_copy() -> None:
 
 
 def test_detail_fades_with_distance() -> None:
-    canvas = OUTPAINTERS.get("mirror").outpaint(picture(120, 120), 0, 0, 100, 0)
+    canvas = OUTPAINTERS.get("mirror")().outpaint(picture(120, 120), 0, 0, 100, 0)
     detail = [float(canvas[:, x : x + 10].std()) for x in (110, 125, 150, 200)]
     assert detail == sorted(detail, reverse=True)
     assert detail[-1] < 0.2 * detail[0]
@@ -56,7 +56,7 @@ def test_detail_fades_with_distance() -> None:
 def test_a_constant_image_stays_constant() -> None:
     image = np.full((20, 20, 3), 0.3, np.float32)
     for name in OUTPAINTERS:
-        np.testing.assert_allclose(OUTPAINTERS.get(name).outpaint(image, 50, 5, 0, 60), 0.3, atol=1e-6)
+        np.testing.assert_allclose(OUTPAINTERS.get(name)().outpaint(image, 50, 5, 0, 60), 0.3, atol=1e-6)
 
 
 @pytest.mark.parametrize("mode", ["mirror", "edge"])
@@ -83,7 +83,7 @@ def test_depth_keeps_a_step_near_the_frame() -> None:
 
 
 def test_bad_input_is_typed() -> None:
-    mirror = OUTPAINTERS.get("mirror")
+    mirror = OUTPAINTERS.get("mirror")()
     with pytest.raises(BadInput, match="margins"):
         mirror.outpaint(picture(), -1, 0, 0, 0)
     with pytest.raises(BadInput, match="shape"):
