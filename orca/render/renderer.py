@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from copy import copy
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -63,6 +64,15 @@ class Renderer:
             self.whitening = np.ascontiguousarray(anchors.whitening().detach().cpu().numpy())
             self.opacity = torch.sigmoid(anchors.opacity_logits.detach()).cpu().numpy()
             self.hidden = decoders.density_in(self.anchors.features).cpu().numpy()
+
+    def extended(self, new: GaussianAnchors) -> Renderer:
+        """A renderer of the same anchors followed by ``new``; only the new ones are prepared."""
+        part = Renderer(new, self.decoders, self.config, self.device)
+        whole = copy(self)
+        whole.anchors = GaussianAnchors.concatenate(self.anchors, part.anchors)
+        for name in ("means", "whitening", "opacity", "hidden"):
+            setattr(whole, name, np.concatenate([getattr(self, name), getattr(part, name)]))
+        return whole
 
     def hits(self, camera: Camera) -> HitList:
         """Which anchors each pixel sees."""

@@ -1,0 +1,253 @@
+"""The whole method on one page: one image, its depth and a trajectory in; a scene, a ledger and a record out."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import torch
+
+from orca.anchors import GaussianAnchors, Stage
+from orca.camera import Camera
+from orca.config import PlanarConfig, ReconstructConfig
+from orca.conventions import Float32Array
+from orca.errors import BadInput
+from orca.field.decoders import Decoders, analytic_decoders
+from orca.field.hashing import HashEncoding
+from orca.priors.depth import DepthEstimate
+from orca.priors.outpaint import OUTPAINTERS, Outpainter
+from orca.render.renderer import Renderer
+from orca.repair.insert import InsertConfig
+from orca.repair.loop import repair
+from orca.scene import Scene
+from orca.stages.canvas import Canvas, make_canvas
+from orca.stages.deform import deform
+from orca.stages.observations import Observation, observations
+from orca.stages.planar import PlanarGrid, planar_anchors, planar_grid, rest_positions
+from orca.stages.solve import solve_colours
+from orca.stages.train import TrainPlan, train
+
+__all__ = ["Reconstruction", "reconstruct"]
+
+Progress = Callable[[str, int, int], None]
+
+
+@dataclass(frozen=True, eq=False)
+class Reconstruction:
+    """What `reconstruct` returns.
+
+    Attributes:
+        scene: the scene.
+        ledger: the repair ledger as JSON-ready data (see `orca.repair.ledger.Ledger.to_json`).
+        record: JSON-ready facts of the run: "seconds" per stage, "anchors" per stage, "input_psnr" after each
+            stage, margins, training histories, why repair stopped.
+    """
+
+    scene: Scene
+    ledger: dict[str, Any]
+    record: dict[str, Any]
+
+
+@dataclass
+class _Run:
+    """What the stages hand on: configuration, one generator, and the growing record."""
+
+    config: ReconstructConfig
+    device: str
+    generator: torch.Generator
+    progress: Progress
+    record: dict[str, Any] = field(default_factory=lambda: {"seconds": {}, "input_psnr": {}})
+
+    def timed(self, stage: str, started: float) -> None:
+        self.record["seconds"][stage] = time.perf_counter() - started
+
+
+def reconstruct(
+    image: Float32Array,
+    camera: Camera,
+    depth: DepthEstimate,
+    trajectory: Sequence[Camera],
+    config: ReconstructConfig,
+    *,
+    outpainter: Outpainter | None = None,
+    seed: int = 0,
+    device: str = "cpu",
+    progress: Progress | None = None,
+) -> Reconstruction:
+    """Reconstruct an explorable scene from one image (paper Sec. 3).
+
+    Args:
+        image: the input, [H, W, 3] float32 in [0, 1].
+        camera: the input camera, identity pose, same size as the image.
+        depth: z-depth of the input in the units of the trajectory.
+        trajectory: cameras the scene will be seen from; decides canvas and repairs.
+        config: every constant of the method.
+        outpainter: replaces the one that ``config.canvas.outpainter`` names.
+        seed: of every random draw. Two runs with one seed on one machine and thread count give the same scene.
+        device: "cpu" or a torch device for gradient training.
+        progress: called as progress(phase, done, total).
+
+    Raises:
+        BadInput: image, camera, depth and trajectory do not fit together.
+    """
+    _check(image, camera, depth, trajectory)
+    run = _Run(config, device, torch.Generator().manual_seed(seed), progress or (lambda phase, done, total: None))
+
+    started = time.perf_counter()
+    if outpainter is None and config.canvas.outpainter != "none":
+        outpainter = OUTPAINTERS.get(config.canvas.outpainter)
+    canvas = make_canvas(image, depth.depth, camera, trajectory, config.canvas, outpainter)
+    grid = planar_grid(canvas, config.planar)
+    observed = observations(canvas, config.planar.margin_spacing * float(grid.spacing.min()))
+    run.timed("canvas", started)
+
+    started = time.perf_counter()
+    planar, decoders, encoding = _stage_planar(canvas, grid, observed, run)
+    run.timed("planar", started)
+
+    started = time.perf_counter()
+    lifted = _stage_deform(planar, decoders, encoding, canvas, observed, run)
+    run.timed("deform", started)
+
+    started = time.perf_counter()
+    anchors, ledger = _stage_repair(lifted, decoders, trajectory, seed, run)
+    run.timed("repair", started)
+
+    stages = torch.bincount(anchors.stage.long(), minlength=len(Stage)).tolist()
+    run.record["anchors"] = {stage.name.lower(): int(n) for stage, n in zip(Stage, stages, strict=True)}
+    run.record["margins"] = list(canvas.margins)
+    _note_psnr(run, "final", anchors, decoders, observed[0])
+    provenance = {
+        "preset": config.name,
+        "lifting": config.deform.lifting,
+        "seed": seed,
+        "depth_source": depth.source,
+        "depth_is_metric": depth.is_metric,
+        "depth_notes": list(depth.notes),
+        "margins": list(canvas.margins),
+    }
+    scene = Scene(anchors, decoders.cpu(), config.render, camera, provenance)
+    return Reconstruction(scene, ledger, run.record)
+
+
+def _check(image: Float32Array, camera: Camera, depth: DepthEstimate, trajectory: Sequence[Camera]) -> None:
+    size = (camera.height, camera.width)
+    if image.shape != (*size, 3) or depth.depth.shape != size or min(size) < 16 or not trajectory:
+        raise BadInput(
+            f"image {image.shape}, depth {depth.depth.shape}, camera {size}, {len(trajectory)} views to look from",
+            "image [H, W, 3], depth [H, W] and camera of one size of at least 16x16, and at least one view",
+            "make the sizes agree",
+        )
+    if not np.allclose(camera.world_to_camera, np.eye(4)):
+        raise BadInput("an input camera that is not at the origin", "the identity pose", "move the trajectory instead")
+
+
+def _stage_planar(
+    canvas: Canvas, grid: PlanarGrid, observed: Sequence[Observation], run: _Run
+) -> tuple[GaussianAnchors, Decoders, HashEncoding | None]:
+    """Stage 1: planar anchors fitted to the original and the outpainted image.
+
+    Without gradient steps in either stage there is nothing for the hash encoding to learn, and none is made. With
+    one, the anchors' features include its contribution at all times.
+    """
+    config, planar = run.config, run.config.planar
+    run.progress("planar fit", 0, 1)
+    anchors = planar_anchors(canvas, grid, planar)
+    encoding = None
+    if planar.max_iterations + config.deform.max_iterations > 0:
+        encoding = HashEncoding(rest_positions(canvas, grid), config.hash, run.generator)
+    if planar.initialisation == "closed_form":
+        decoders = analytic_decoders(planar.density, run.generator)
+        anchors = solve_colours(anchors, decoders, observed, planar, config.render)
+    else:
+        anchors = anchors.with_features(torch.zeros_like(anchors.features))
+        decoders = Decoders(planar.use_direction, run.generator)
+    if encoding is not None:
+        anchors = anchors.with_features(anchors.features + encoding().detach())
+    plan = TrainPlan(planar.max_iterations, 0, not planar.freeze_geometry, not planar.freeze_geometry)
+    anchors = _train(anchors, decoders, encoding, observed, plan, "planar fit", run)
+    _note_psnr(run, "planar", anchors, decoders, observed[0])
+    run.progress("planar fit", 1, 1)
+    return anchors, decoders, encoding
+
+
+def _stage_deform(
+    anchors: GaussianAnchors,
+    decoders: Decoders,
+    encoding: HashEncoding | None,
+    canvas: Canvas,
+    observed: Sequence[Observation],
+    run: _Run,
+) -> GaussianAnchors:
+    """Stage 2: anchors move along their rays to the scene's depth; then everything but the means is fitted again."""
+    config = run.config
+    run.progress("depth deformation", 0, 1)
+    lifted = deform(anchors, canvas.depth, canvas.camera, config.deform)
+    _note_psnr(run, "deformed", lifted, decoders, observed[0])
+    if config.planar.initialisation == "closed_form":
+        lifted = solve_colours(lifted, decoders, observed, config.planar, config.render)
+    plan = TrainPlan(config.deform.max_iterations, config.deform.arm_after, False, True)
+    lifted = _train(lifted, decoders, encoding, observed, plan, "fine-tuning", run)
+    _note_psnr(run, "fine_tuned", lifted, decoders, observed[0])
+    run.progress("depth deformation", 1, 1)
+    return lifted
+
+
+def _train(
+    anchors: GaussianAnchors,
+    decoders: Decoders,
+    encoding: HashEncoding | None,
+    observed: Sequence[Observation],
+    plan: TrainPlan,
+    phase: str,
+    run: _Run,
+) -> GaussianAnchors:
+    """Gradient training, where the plan has any."""
+    if plan.max_iterations == 0 or encoding is None:
+        return anchors
+    decoders.to(run.device)
+    encoding.to(run.device)
+    result = train(
+        anchors.to(run.device),
+        decoders,
+        encoding,
+        observed,
+        plan,
+        run.config.train,
+        run.config.render,
+        run.generator,
+        lambda done, total: run.progress(phase, done, total),
+    )
+    run.record.setdefault("history", {})[phase] = {
+        "iterations": result.iterations,
+        "stopped": result.stopped,
+        "evaluations": [list(row) for row in result.history],
+    }
+    return result.anchors.to("cpu")
+
+
+def _stage_repair(
+    anchors: GaussianAnchors, decoders: Decoders, trajectory: Sequence[Camera], seed: int, run: _Run
+) -> tuple[GaussianAnchors, dict[str, Any]]:
+    """Stage 3: disocclusion repair along the trajectory."""
+    config = run.config
+    if not config.repair.enabled:
+        return anchors, {"schema_version": 1, "repairs": [], "stopped": "repair is off"}
+    insert = InsertConfig(config.planar.kappa, config.planar.colour_clip)
+    result = repair(
+        anchors, decoders.cpu(), trajectory, config.repair, config.render, insert, seed, run.progress
+    )
+    run.record["repair_stopped"] = result.ledger.stopped
+    return result.anchors, result.ledger.to_json()
+
+
+def _note_psnr(
+    run: _Run, stage: str, anchors: GaussianAnchors, decoders: Decoders, observation: Observation
+) -> None:
+    """Record how well the input view is reproduced, in dB."""
+    rendered = Renderer(anchors, decoders.cpu(), run.config.render).render(observation.camera)
+    error = np.clip(rendered.rgb.reshape(-1, 3)[observation.rays], 0, 1) - observation.colour
+    run.record["input_psnr"][stage] = float(-10 * np.log10(max(float(np.square(error).mean()), 1e-12)))

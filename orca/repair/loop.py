@@ -1,0 +1,186 @@
+"""Stage 3: find the largest disocclusion, repair one component, look at the whole trajectory again (paper Sec. 3.3)."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from orca.anchors import GaussianAnchors
+from orca.camera import Camera
+from orca.config import RenderConfig, RepairConfig
+from orca.field.decoders import Decoders
+from orca.render.renderer import Renderer, Rendering
+from orca.repair.components import Component, connected_components
+from orca.repair.detect import disocclusion_mask
+from orca.repair.donors import FillTarget, local_fill
+from orca.repair.insert import InsertConfig, new_anchors
+from orca.repair.ledger import Ledger, RepairRecord
+from orca.repair.optimise import LocalTarget, optimise_new
+from orca.repair.rules import Decision, RepairRules, order
+from orca.repair.views import WatchedViews, crop_camera
+
+__all__ = ["RepairResult", "repair"]
+
+_RAYS_OPTIMISED = 6000  # at most; a larger hole is optimised on a random part of its pixels
+_BOUNDARY = 3  # pixels around the hole whose appearance is kept
+
+
+@dataclass(frozen=True)
+class RepairResult:
+    """The scene's anchors with those of all repairs appended, and what was done."""
+
+    anchors: GaussianAnchors
+    ledger: Ledger
+
+
+def repair(
+    anchors: GaussianAnchors,
+    decoders: Decoders,
+    trajectory: Sequence[Camera],
+    config: RepairConfig,
+    render: RenderConfig,
+    insert: InsertConfig,
+    seed: int = 0,
+    progress: Callable[[str, int, int], None] = lambda phase, done, total: None,
+) -> RepairResult:
+    """Close the disocclusions that a trajectory reveals. The given anchors keep every bit.
+
+    Args:
+        anchors: the scene after stage 2.
+        decoders: its decoders; never changed here.
+        trajectory: cameras along which holes are looked for; all of one size.
+        config: thresholds, views, fill scheme.
+        render: how the scene is rendered.
+        insert: extents of new anchors.
+        seed: of the choice of rays in large repairs.
+        progress: called as progress(phase, done, total).
+    """
+    indices = watched_indices(len(trajectory), config.views)
+    cameras = [trajectory[i] for i in indices]
+    first = cameras[0]
+    rules = config.rules.scaled(first.width, first.height)
+    loop = _Loop(anchors, decoders, cameras, indices, rules, config, render, insert, seed, progress)
+    records, stopped = loop.run()
+    ledger = Ledger(config.rules, rules, (first.width, first.height), tuple(records), stopped)
+    return RepairResult(loop.anchors, ledger)
+
+
+def watched_indices(frames: int, views: int) -> list[int]:
+    """Which frames of a trajectory are watched: all of them (``views`` 0), or so many evenly spaced ones."""
+    if views <= 0 or views >= frames:
+        return list(range(frames))
+    return sorted({int(i) for i in np.linspace(0, frames - 1, views).round()})
+
+
+class _Loop:
+    """The state of one repair run."""
+
+    def __init__(
+        self,
+        anchors: GaussianAnchors,
+        decoders: Decoders,
+        cameras: list[Camera],
+        indices: list[int],
+        rules: RepairRules,
+        config: RepairConfig,
+        render: RenderConfig,
+        insert: InsertConfig,
+        seed: int,
+        progress: Callable[[str, int, int], None],
+    ) -> None:
+        self.anchors, self.decoders, self.indices = anchors, decoders, indices
+        self.rules, self.config, self.render, self.insert_config = rules, config, render, insert
+        self.generator, self.progress = np.random.default_rng(seed), progress
+        self.views = WatchedViews(
+            cameras, Renderer(anchors, decoders, render), lambda done, total: progress("repair: views", done, total)
+        )
+        # Pixels of a component that was repaired once and stays open: looked at again, they would be tried for ever.
+        self.given_up = [np.zeros((c.height, c.width), bool) for c in cameras]
+        self.missing = [self._missing(i) for i in range(len(cameras))]
+
+    def run(self) -> tuple[list[RepairRecord], str]:
+        """Repair until nothing large enough is missing or the iteration limit is reached."""
+        records: list[RepairRecord] = []
+        while len(records) < self.rules.max_iterations:
+            self.progress("repair", len(records), self.rules.max_iterations)
+            view = int(np.argmax([m.sum() for m in self.missing]))
+            components = connected_components(self.missing[view], self.rules.min_component_area)
+            if not components:
+                return records, "no disocclusion of the smallest area is left"
+            component, decision = order(components, 0, self.rules)[0]
+            records.append(self._repair_one(len(records), view, component, decision))
+        return records, f"the limit of {self.rules.max_iterations} repairs was reached"
+
+    def _missing(self, view: int) -> NDArray[np.bool_]:
+        """Missing pixels of a view in components that are large enough, without those given up."""
+        rendered = self.views.rendered[view]
+        mask = disocclusion_mask(rendered.alpha, rendered.depth, self.rules) & ~self.given_up[view]
+        kept = np.zeros_like(mask)
+        for component in connected_components(mask, self.rules.min_component_area):
+            x0, y0, x1, y1 = component.bbox
+            kept[y0:y1, x0:x1] |= component.mask
+        return kept
+
+    def _repair_one(self, iteration: int, view: int, component: Component, decision: Decision) -> RepairRecord:
+        started = time.perf_counter()
+        camera, before = self.views.cameras[view], self.views.rendered[view]
+        whole = component.full_mask(camera.height, camera.width)
+        fill = self._fill(before, component, view)
+        new = new_anchors(fill, camera, self.anchors, self.decoders, self.rules, self.insert_config)
+        target = self._local_target(component, fill, before, camera)
+        new = optimise_new(
+            self.anchors, new, self.decoders, target, self.render, self.rules.max_steps, self.rules.min_opacity
+        )
+        self.anchors = GaussianAnchors.concatenate(self.anchors, new)
+        touched = set(self.views.insert(new)) | {view}
+        after = self.views.rendered[view]
+        self.given_up[view] |= whole & disocclusion_mask(after.alpha, after.depth, self.rules)
+        for i in touched:
+            self.missing[i] = self._missing(i)
+        return RepairRecord(
+            iteration=iteration,
+            view=self.indices[view],
+            area=component.area,
+            fill=component.fill,
+            bbox=component.bbox,
+            decision=decision.kind,
+            rule=decision.rule,
+            reason=decision.reason,
+            donors=fill.donors,
+            scheme=fill.scheme,
+            anchors_added=len(new),
+            coverage_before=float(before.alpha[whole].mean()),
+            coverage_after=float(after.alpha[whole].mean()),
+            milliseconds=1e3 * (time.perf_counter() - started),
+        )
+
+    def _fill(self, before: Rendering, component: Component, view: int) -> FillTarget:
+        valid = ~disocclusion_mask(before.alpha, before.depth, self.rules)
+        return local_fill(before.rgb, before.depth, valid, component, self.rules, scheme=self.config.fill)
+
+    def _local_target(
+        self, component: Component, fill: FillTarget, before: Rendering, camera: Camera
+    ) -> LocalTarget:
+        """The hole with its fill and a thin ring around it as it was, in a crop of the view."""
+        x0, y0, x1, y1 = component.bbox
+        box = (
+            max(0, x0 - _BOUNDARY),
+            max(0, y0 - _BOUNDARY),
+            min(camera.width, x1 + _BOUNDARY),
+            min(camera.height, y1 + _BOUNDARY),
+        )
+        wanted = before.rgb[box[1] : box[3], box[0] : box[2]].copy()
+        inside = np.zeros(wanted.shape[:2], bool)
+        wanted[fill.y - box[1], fill.x - box[0]] = fill.rgb
+        inside[fill.y - box[1], fill.x - box[0]] = True
+        kernel = np.ones((2 * _BOUNDARY + 1, 2 * _BOUNDARY + 1), np.uint8)
+        near = cv2.dilate(inside.astype(np.uint8), kernel).astype(bool)
+        rays = np.flatnonzero(near)
+        if len(rays) > _RAYS_OPTIMISED:
+            rays = np.sort(self.generator.choice(rays, _RAYS_OPTIMISED, replace=False))
+        return LocalTarget(crop_camera(camera, box), rays, wanted.reshape(-1, 3)[rays], inside.ravel()[rays])

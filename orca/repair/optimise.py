@@ -1,0 +1,104 @@
+"""Optimise inserted anchors alone: target colour inside, coverage inside, appearance kept around (paper Sec. 3.3)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import torch
+from torch import Tensor, nn
+
+from orca.anchors import GaussianAnchors
+from orca.camera import Camera
+from orca.config import RenderConfig
+from orca.conventions import Float32Array
+from orca.field.decoders import Decoders
+from orca.render.reference import render_rays
+from orca.render.selector import select
+
+__all__ = ["LocalTarget", "optimise_new"]
+
+_COVERAGE_WEIGHT = 0.1
+_BOUNDARY_WEIGHT = 1.0
+
+
+@dataclass(frozen=True, eq=False)
+class LocalTarget:
+    """What the neighbourhood of a repair should look like, in one cropped view.
+
+    Attributes:
+        camera: the crop's camera.
+        rays: pixels of the crop that count, row-major, [R] int64.
+        rgb: wanted colour: the fill inside, the render before the repair around it, [R, 3].
+        inside: which of them lie in the hole, [R] bool.
+    """
+
+    camera: Camera
+    rays: np.ndarray[tuple[int], np.dtype[np.int64]]
+    rgb: Float32Array
+    inside: np.ndarray[tuple[int], np.dtype[np.bool_]]
+
+
+def optimise_new(
+    existing: GaussianAnchors,
+    new: GaussianAnchors,
+    decoders: Decoders,
+    target: LocalTarget,
+    render: RenderConfig,
+    steps: int,
+    min_opacity: float,
+) -> GaussianAnchors:
+    """The new anchors after at most ``steps`` Adam steps on their features and opacities.
+
+    ``existing`` and ``decoders`` are not changed: they take part in the rendering as constants. Returns the best
+    state seen, so that a repair never ends worse than it was inserted.
+    """
+    if steps == 0 or len(new) == 0:
+        return new
+    hits = select(GaussianAnchors.concatenate(existing, new), target.camera, render).padded(target.rays)
+    # Only anchors that these rays hit take part: the rest of the scene costs nothing.
+    used = torch.from_numpy(np.unique(hits[hits >= 0]))
+    lookup = torch.full((len(existing) + len(new) + 1,), -1, dtype=torch.long)
+    lookup[used] = torch.arange(len(used))
+    hit_anchor = lookup[torch.from_numpy(hits)]  # -1 reads the last entry, which stays -1
+    old_used, new_used = used[used < len(existing)], used[used >= len(existing)] - len(existing)
+    constant, movable = existing.subset(old_used), new.subset(new_used)
+    features = nn.Parameter(movable.features.clone())
+    opacity = nn.Parameter(movable.opacity_logits.clone())
+    optimiser = torch.optim.Adam([{"params": [features], "lr": 3e-2}, {"params": [opacity], "lr": 1e-2}])
+    floor = float(np.log(min_opacity / (1 - min_opacity))) if min_opacity < 1 else 10.0
+    best, best_loss = (movable.features, movable.opacity_logits), float("inf")
+    pixels = torch.from_numpy(
+        np.stack([target.rays % target.camera.width + 0.5, target.rays // target.camera.width + 0.5], 1)
+    ).float()
+    for _ in range(steps + 1):
+        trial = replace(movable, features=features, opacity_logits=opacity)
+        loss = _loss(GaussianAnchors.concatenate(constant, trial), decoders, target, pixels, hit_anchor, render)
+        if float(loss) < best_loss:
+            best, best_loss = (features.detach().clone(), opacity.detach().clone()), float(loss)
+        grads = torch.autograd.grad(loss, [features, opacity])
+        features.grad, opacity.grad = grads
+        optimiser.step()
+        with torch.no_grad():
+            opacity.clamp_(min=floor + 1e-4)
+    out_features, out_opacity = new.features.clone(), new.opacity_logits.clone()
+    out_features[new_used], out_opacity[new_used] = best
+    return replace(new, features=out_features, opacity_logits=out_opacity)
+
+
+def _loss(
+    anchors: GaussianAnchors,
+    decoders: Decoders,
+    target: LocalTarget,
+    pixels: Tensor,
+    hit_anchor: Tensor,
+    render: RenderConfig,
+) -> Tensor:
+    rgb, alpha, _ = render_rays(anchors, decoders, target.camera, pixels, hit_anchor, render)
+    image = rgb + (1 - alpha)[:, None] * render.background
+    error = (image - torch.from_numpy(target.rgb)).abs().mean(1)
+    inside = torch.from_numpy(target.inside)
+    colour = error[inside].mean()
+    coverage = (1 - alpha[inside]).mean()
+    boundary = error[~inside].mean() if bool((~inside).any()) else torch.zeros(())
+    return colour + _COVERAGE_WEIGHT * coverage + _BOUNDARY_WEIGHT * boundary

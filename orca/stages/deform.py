@@ -1,0 +1,183 @@
+"""Stage 2: move every anchor along its own viewing ray to the depth of the scene (paper Sec. 3.2).
+
+The paper's z axis points from the plane to the camera. With the camera at the origin of OpenCV axes, z_paper = -z, so
+c_z = 0 and gamma = (c_z - z~_paper) / (c_z - mu_paper) = z~ / mu_z: the ratio of the new z-depth to the old one. The
+signs are derived here and nowhere else (a test checks them against the paper's formulas written out).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import cv2
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from orca.anchors import GaussianAnchors, rotations_to_quaternions
+from orca.camera import Camera
+from orca.config import DeformConfig
+from orca.conventions import Float32Array, Float64Array
+from orca.errors import BadInput
+
+__all__ = ["RelativeTarget", "deform", "metric_target", "sample_depth", "sharpen_depth"]
+
+
+def deform(anchors: GaussianAnchors, depth: Float32Array, camera: Camera, config: DeformConfig) -> GaussianAnchors:
+    """Anchors at the depth of the scene, each on its own ray, with extents that keep the input view's footprints.
+
+    The paper finds each anchor's place in the depth map by normalising x and y with the cloud's extent; the canvas
+    camera's projection is the same map without its half-cell error (O).
+
+    Args:
+        anchors: anchors on a plane parallel to the image, in camera coordinates (identity pose).
+        depth: z-depth over the canvas, [H, W], positive.
+        camera: the canvas camera (identity pose), same size as ``depth``.
+        config: lifting, quantiles, edge handling.
+
+    Raises:
+        BadInput: the depth is not finite and positive everywhere.
+    """
+    if not np.isfinite(depth).all() or (depth <= 0).any():
+        bad = int((~np.isfinite(depth) | (depth <= 0)).sum())
+        raise BadInput(
+            f"depth with {bad} of {depth.size} values that are not finite and positive",
+            "finite z-depth > 0 everywhere",
+            "repair the depth map or choose another provider",
+        )
+    if config.sharpen_depth:
+        depth = sharpen_depth(depth, config.edge_ratio)
+    means = anchors.means.double().numpy()
+    pixels, _ = camera.project(means)
+    sampled = sample_depth(depth, pixels)
+    target = metric_target if config.lifting == "metric" else RelativeTarget.fit(means, sampled, config)
+    gamma = target(sampled) / means[:, 2]
+    slopes = np.zeros((len(means), 2))
+    if config.follow_slope:
+        slopes = _log_depth_slopes(target(depth), pixels, camera, config.max_slope)
+    log_variances, quaternions = _push_forward(anchors, torch.from_numpy(gamma), torch.from_numpy(slopes))
+    moved = torch.from_numpy((means * gamma[:, None]).astype(np.float32))
+    return replace(anchors, means=moved, log_variances=log_variances, quaternions=quaternions)
+
+
+def metric_target(depth: NDArray[Any]) -> Float64Array:
+    """Metric lifting: the target depth is the provider's depth."""
+    return np.asarray(depth, np.float64)
+
+
+@dataclass(frozen=True)
+class RelativeTarget:
+    """The paper's lifting, in OpenCV's sign: z~ = z_base - lambda L_xy s (paper Eq. 2 to 5).
+
+    Attributes:
+        q_far, q_near: robust quantiles of inverse depth over the anchors.
+        base: median z of the plane.
+        reach: lambda times the largest extent of the cloud in x and y.
+        epsilon: guard of the inverse depth.
+    """
+
+    q_far: float
+    q_near: float
+    base: float
+    reach: float
+    epsilon: float
+
+    @staticmethod
+    def fit(means: Float64Array, depth: Float64Array, config: DeformConfig) -> RelativeTarget:
+        """The target of a cloud [N, 3] with the depth [N] sampled at its anchors."""
+        q = 1 / np.maximum(depth, config.epsilon)
+        far, near = np.quantile(q, [config.far_quantile, config.near_quantile])
+        extent = float(np.ptp(means[:, :2], axis=0).max())
+        return RelativeTarget(
+            float(far), float(near), float(np.median(means[:, 2])), config.strength * extent, config.epsilon
+        )
+
+    def nearness(self, depth: NDArray[Any]) -> Float64Array:
+        """s in [0, 1]: 1 at the near quantile, 0 at the far one and for constant depth."""
+        span = self.q_near - self.q_far
+        if span <= 1e-9 * abs(self.q_near):
+            return np.zeros(np.shape(depth))
+        q = 1 / np.maximum(np.asarray(depth, np.float64), self.epsilon)
+        return np.clip((q - self.q_far) / span, 0, 1)
+
+    def __call__(self, depth: NDArray[Any]) -> Float64Array:
+        """Target z-depth of provider depths, any shape."""
+        target = self.base - self.reach * self.nearness(depth)
+        # A strength that pushes the nearest point through the camera has no meaning: stop at a tenth of the distance.
+        return np.asarray(np.maximum(target, 0.1 * self.base))
+
+
+def sample_depth(depth: Float32Array, pixels: Float64Array) -> Float64Array:
+    """Depth [N] at pixel positions [N, 2], bilinear, the border repeated."""
+    x = np.clip(pixels[:, 0] - 0.5, 0, depth.shape[1] - 1)
+    y = np.clip(pixels[:, 1] - 0.5, 0, depth.shape[0] - 1)
+    x0, y0 = np.floor(x).astype(int), np.floor(y).astype(int)
+    x1, y1 = np.minimum(x0 + 1, depth.shape[1] - 1), np.minimum(y0 + 1, depth.shape[0] - 1)
+    fx, fy = x - x0, y - y0
+    corners = np.stack([depth[y0, x0], depth[y0, x1], depth[y1, x0], depth[y1, x1]]).astype(np.float64)
+    weights = np.stack([(1 - fx) * (1 - fy), fx * (1 - fy), (1 - fx) * fy, fx * fy])
+    blended = (corners * weights).sum(0)
+    # Across a depth edge a bilinear mean belongs to neither surface: take the nearest sample there.
+    nearest = corners[weights.argmax(0), np.arange(len(x))]
+    torn = corners.max(0) > 1.05 * corners.min(0)
+    return np.where(torn, nearest, blended)
+
+
+def sharpen_depth(depth: Float32Array, edge_ratio: float, radius: int = 3) -> Float32Array:
+    """Give every pixel of a soft depth edge to the nearer (in log depth) of the two surfaces it lies between.
+
+    A pixel counts as soft where the depth range in its window exceeds ``edge_ratio`` and most of that range is
+    crossed within the window, as at an edge, not as on a slope.
+    """
+    log = np.log(depth)
+    kernel = np.ones((2 * radius + 1, 2 * radius + 1), np.uint8)
+    low, high = cv2.erode(log, kernel), cv2.dilate(log, kernel)
+    wide = np.ones((4 * radius + 1, 4 * radius + 1), np.uint8)
+    range_here, range_wide = high - low, cv2.dilate(log, wide) - cv2.erode(log, wide)
+    # On a slope the range doubles with the window; at an edge it stays.
+    edge = (range_here > np.log(edge_ratio)) & (range_here > 0.75 * range_wide)
+    snapped = np.where(log - low < high - log, low, high)
+    return np.asarray(np.exp(np.where(edge, snapped, log)), np.float32)
+
+
+def _log_depth_slopes(depth: Float64Array, pixels: Float64Array, camera: Camera, max_slope: float) -> Float64Array:
+    """d log z / d(tangent) at each anchor, [N, 2], in units of the normalised image plane; zero at depth edges."""
+    log = np.log(cv2.GaussianBlur(depth, (0, 0), 1.0))
+    # The smaller one-sided difference: at an edge it looks along the surface and not across the step.
+    slopes = []
+    for axis, focal in ((1, camera.K[0, 0]), (0, camera.K[1, 1])):
+        forward = np.diff(log, axis=axis, append=np.take(log, [-1], axis=axis))
+        backward = np.roll(forward, 1, axis=axis)
+        smaller = np.where(np.abs(forward) < np.abs(backward), forward, backward)
+        slopes.append(smaller * focal)
+    column = np.clip(pixels[:, 0].astype(int), 0, depth.shape[1] - 1)
+    row = np.clip(pixels[:, 1].astype(int), 0, depth.shape[0] - 1)
+    slope = np.stack([s[row, column] for s in slopes], 1).astype(np.float64)
+    steep = np.linalg.norm(slope, axis=1, keepdims=True) > max_slope
+    return np.where(steep, 0.0, slope)
+
+
+def _push_forward(anchors: GaussianAnchors, gamma: Tensor, slopes: Tensor) -> tuple[Tensor, Tensor]:
+    """Covariances under the map mu -> gamma(mu) mu, to first order: J = gamma (I + (mu / mu_z) grad^T).
+
+    ``grad`` is d log gamma over the plane; on the plane z is constant, so it has no z component. With zero slope this
+    adds 2 log gamma to each log-variance: a Gaussian twice as near is half as wide.
+    """
+    flat = slopes.abs().sum(1) == 0
+    scaled = anchors.log_variances + 2 * torch.log(gamma).float()[:, None]
+    if bool(flat.all()):
+        return scaled, anchors.quaternions
+    tilted = ~flat
+    direction = anchors.means[tilted].double() / anchors.means[tilted, 2:3].double()
+    J = torch.eye(3, dtype=torch.float64).repeat(len(direction), 1, 1)
+    J[:, :, :2] += direction[:, :, None] * slopes[tilted][:, None, :]
+    J *= gamma[tilted][:, None, None]
+    covariance = J @ anchors.covariances()[tilted].double() @ J.transpose(1, 2)
+    variances, axes = torch.linalg.eigh(covariance)
+    axes = axes * torch.sign(torch.linalg.det(axes))[:, None, None]
+    log_variances, quaternions = scaled.clone(), anchors.quaternions.clone()
+    log_variances[tilted] = torch.log(variances.clamp_min(1e-20)).float()
+    quaternions[tilted] = rotations_to_quaternions(axes).float()
+    return log_variances, quaternions
