@@ -19,29 +19,33 @@ class BadOutput(OrcaError):
 
 
 def check_output(case: SceneCase, output: MethodOutput) -> None:
-    """Compare shapes, types and ranges with the case.
+    """Compare counts, shapes, types and ranges with the case.
+
+    Frames may have another size than the case (a published video is what it is; metrics resize it), the same for all.
 
     Raises:
-        BadOutput: wrong number or size of frames, wrong type, coverage outside [0, 1] or not finite.
+        BadOutput: wrong number or shape of frames, wrong type, coverage outside [0, 1] or not finite.
     """
-    path = case.trajectory
-    _check_image("frames", output.frames, (len(case.eval_indices), path.height, path.width, 3))
+    _check_image("frames", output.frames, (len(case.eval_indices), None, None, 3))
     if output.coverage is not None:
         _check_coverage("coverage", output.coverage, output.frames.shape[:3])
     if output.input_view is not None:
-        _check_image("input_view", output.input_view, (case.camera.height, case.camera.width, 3))
+        _check_image("input_view", output.input_view, (None, None, 3))
     for name, views in (("true_views", output.true_views), ("true_view_coverage", output.true_view_coverage)):
         if views is not None and len(views) != len(case.true_views):
             raise _wrong(name, f"{len(views)} of them", f"{len(case.true_views)}, one for each true view")
-    for view, truth in zip(output.true_views or (), case.true_views):
-        _check_image("true_views", view, (truth.camera.height, truth.camera.width, 3))
-    for alpha, truth in zip(output.true_view_coverage or (), case.true_views):
-        _check_coverage("true_view_coverage", alpha, (truth.camera.height, truth.camera.width))
+    for view in output.true_views or ():
+        _check_image("true_views", view, (None, None, 3))
+    for view, alpha in zip(output.true_views or (), output.true_view_coverage or ()):
+        _check_coverage("true_view_coverage", alpha, view.shape[:2])
 
 
-def _check_image(name: str, image: UInt8Array, shape: tuple[int, ...]) -> None:
-    if not isinstance(image, np.ndarray) or image.dtype != np.uint8 or image.shape != shape:
-        raise _wrong(name, _described(image), f"uint8 {list(shape)}")
+def _check_image(name: str, image: UInt8Array, shape: tuple[int | None, ...]) -> None:
+    allowed = "uint8 [" + ", ".join("any" if side is None else str(side) for side in shape) + "]"
+    if not isinstance(image, np.ndarray) or image.dtype != np.uint8 or image.ndim != len(shape) or not image.size:
+        raise _wrong(name, _described(image), allowed)
+    if any(side is not None and side != found for side, found in zip(shape, image.shape, strict=True)):
+        raise _wrong(name, _described(image), allowed)
 
 
 def _check_coverage(name: str, coverage: Float32Array, shape: tuple[int, ...]) -> None:

@@ -65,7 +65,7 @@ def _grouped(name: str, title: str, rows: list[dict[str, str]], group: str, show
     for row in rows:
         rivals = [other for other in rows if other[group] == row[group] and other is not row]
         cells = tuple(_cell(row[key], [rival[key] for rival in rivals]) for key in keys)
-        out.append(Row((shown(row[group]), _METHODS[row["method"]]), cells, row[group] != last))
+        out.append(Row((shown(row[group]), _METHODS[row["method"]]), cells, group_start=row[group] != last))
         last = row[group]
     heads = tuple(Head(key, f"{_METRICS[key]} ↑") for key in keys)
     return Table(name, title, (group.capitalize(), "Method"), heads, tuple(out))

@@ -102,7 +102,7 @@ def run_bench(
     store = RunStore(request.out)
     check_same_run(store.load_run(), request.identity, request.out)
     versions = {name: adapter.version(request.options) for name, adapter in adapters.items()}
-    order = {"scenes": request.dataset.scenes(), "methods": methods, "metrics": metrics}
+    order: dict[str, Iterable[str]] = {"scenes": request.dataset.scenes(), "methods": methods, "metrics": metrics}
     store.save_run(_run_document(request, store.load_run() or {}, versions, scorer, order))
     told = reporter or SilentReporter()
     told.start(len(request.scenes) * len(adapters))

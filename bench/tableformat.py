@@ -80,18 +80,21 @@ class Table:
             )
             lines = [(label + _GAP + value).rstrip() for label, value in zip(labels, values, strict=True)]
             rule = "-" * max(map(len, lines))
-            body = [line for row, line in zip(self.rows, lines[1:], strict=True) for line in _with_rule(row, line)]
-            blocks.append("\n".join([lines[0], rule, *body]))
+            spaced = [
+                "\n" + line if row.group_start and i else line
+                for i, (row, line) in enumerate(zip(self.rows, lines[1:]))
+            ]
+            blocks.append("\n".join([lines[0], rule, *spaced]))
         return "\n\n".join([self.title, *blocks, *(["\n".join(self.notes)] if self.notes else [])]) + "\n"
 
     def to_markdown(self) -> str:
         """A GitHub table, bold where strictly best, notes as a list below."""
         heads = [*self.label_heads, *(head.title for head in self.heads)]
         rule = ["---"] * len(self.label_heads) + ["---:"] * len(self.heads)
-        lines = [heads, rule]
-        for row in self.rows:
-            lines.append([*_shown_labels(row), *(f"**{c.text}**" if c.bold else c.text for c in row.cells)])
-        body = "\n".join("| " + " | ".join(text.replace("|", "\\|") for text in line) + " |" for line in lines)
+        rows = [[*_shown_labels(row), *(f"**{c.text}**" if c.bold else c.text for c in row.cells)] for row in self.rows]
+        body = "\n".join(
+            "| " + " | ".join(text.replace("|", "\\|") for text in line) + " |" for line in [heads, rule, *rows]
+        )
         notes = "\n".join(f"- {note}" for note in self.notes)
         return f"### {self.title}\n\n{body}\n" + (f"\n{notes}\n" if notes else "")
 
@@ -144,10 +147,6 @@ def _cell_json(cell: TableCell) -> dict[str, Any]:
 def _shown_labels(row: Row) -> list[str]:
     """A group's name stands on its first row only, as the paper's multirow has it."""
     return list(row.labels) if row.group_start or len(row.labels) == 1 else ["", *row.labels[1:]]
-
-
-def _with_rule(row: Row, line: str) -> list[str]:
-    return ["", line] if row.group_start and len(row.labels) > 1 else [line]
 
 
 def _aligned(rows: Sequence[Sequence[str]], left: bool = False) -> list[str]:

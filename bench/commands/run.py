@@ -1,0 +1,113 @@
+"""``bench run``: everything is checked first, then the run, then its tables."""
+
+from __future__ import annotations
+
+import argparse
+import shlex
+import shutil
+from pathlib import Path
+from typing import Any
+
+from bench.adapters import METHODS, RunOptions
+from bench.commands.names import chosen
+from bench.commands.outcome import Outcome
+from bench.datasets import open_dataset, resolve_data_root
+from bench.measured import read_runs
+from bench.metrics import METRICS
+from bench.progress import BarReporter
+from bench.runner import RunRequest, RunSummary, run_bench
+from bench.tables import dataset_table, scene_table, write_tables
+from orca.config import get_preset
+from orca.errors import BadInput
+
+__all__ = ["default_methods", "run_command"]
+
+# VistaDream published frames of these scenes only.
+_PUBLISHED_ONLY = {"realmdreamer": ("vistadream", "vistadream-coarse")}
+
+
+def default_methods(dataset: str) -> tuple[str, ...]:
+    """The methods that make sense for a data set."""
+    tied = {name: data for data, names in _PUBLISHED_ONLY.items() for name in names}
+    return tuple(name for name in METHODS if tied.get(name, dataset) == dataset)
+
+
+def run_command(args: argparse.Namespace) -> Outcome:
+    """Run what the command line asks for. Raises `BadInput` before any work is done."""
+    request = _request(args)
+    summary = run_bench(request, BarReporter())
+    run = read_runs([request.out])
+    tables = (dataset_table(run), scene_table(run))
+    written = write_tables(request.out / "tables", tables)
+    width = max(120, shutil.get_terminal_size((120, 24)).columns)
+    lines = [table.to_text(width) for table in reversed(tables)]
+    lines.append(_summary_line(summary))
+    lines += [f"wrote {path}" for path in written]
+    document = {
+        "schema_version": 1,
+        "out": str(request.out),
+        "computed": summary.computed,
+        "skipped": summary.skipped,
+        "failed": [{"method": method, "scene": scene} for method, scene in summary.failed],
+        "tables": {table.name: table.to_json() for table in tables},
+        "files": [str(path) for path in written],
+    }
+    return Outcome("\n".join(lines), document, 1 if summary.failed else 0)
+
+
+def _request(args: argparse.Namespace) -> RunRequest:
+    methods = chosen("method", args.methods, METHODS, default_methods(args.dataset))
+    metrics = chosen("metric", args.metrics, METRICS, METRICS)
+    preset = get_preset(args.preset)
+    dataset = open_dataset(args.dataset, data_root=args.data_root, images=args.images, trajectory=args.trajectory)
+    known = dataset.scenes()
+    scenes = chosen("scene", args.scenes, known, known)
+    if not scenes:
+        raise BadInput(f"data set {args.dataset} without a scene", "one scene or more", "put images into the folder")
+    options = RunOptions(
+        preset=args.preset,
+        seed=args.seed,
+        device=_checked_device(args.device),
+        data_root=resolve_data_root(args.data_root),
+        weights_dir=_existing_folder(args.weights_dir, "--weights-dir"),
+    )
+    return RunRequest(
+        dataset=dataset,
+        scenes=scenes,
+        methods=methods,
+        metrics=metrics,
+        out=args.out or Path("runs") / f"{args.dataset}-{args.preset}",
+        options=options,
+        images=args.images,
+        trajectory=args.trajectory,
+        retry_failed=args.retry_failed,
+        command=shlex.join(["python", "-m", "bench", *args.argv]),
+        preset_config=_plain(preset.to_json()),
+    )
+
+
+def _plain(config: Any) -> dict[str, Any]:
+    return dict(config)
+
+
+def _existing_folder(path: Path | None, option: str) -> Path | None:
+    if path is not None and not path.is_dir():
+        raise BadInput(f"{option} {path}", "an existing folder", "make the folder, or leave the option out")
+    return path
+
+
+def _checked_device(device: str) -> str:
+    """ "cpu" passes without importing torch; a GPU is looked for before hours of work count on it."""
+    if device == "cpu":
+        return device
+    import torch
+
+    if device.split(":")[0] != "cuda" or not torch.cuda.is_available():
+        raise BadInput(f"device '{device}'", "cpu, or cuda where torch sees a GPU", "use --device cpu")
+    return device
+
+
+def _summary_line(summary: RunSummary) -> str:
+    failed = ", ".join(f"{method}/{scene}" for method, scene in summary.failed)
+    tail = f"; failed: {failed} (--retry-failed runs them again)" if failed else ""
+    return f"{summary.computed} cells computed, {summary.skipped} finished before{tail}"
