@@ -142,9 +142,9 @@ def test_sure_points_close_the_cracks_of_a_magnified_foreground() -> None:
     inner = np.zeros((height, width), np.bool_)
     inner[rows.min() : rows.max() + 1, columns.min() : columns.max() + 1] = True
     leaking = far & (projection.index >= 0) & inner.ravel()[np.maximum(projection.index, 0)]
-    assert leaking.sum() >= 30
+    assert leaking.sum() > 20
     one_pixel = sure_points(depth, camera, target, window=1)[0]
-    assert (one_pixel & leaking).sum() >= 30  # the trap is there
+    assert (one_pixel & leaking).sum() > 20  # without the window they would count
     assert not (sure & leaking).any()
 
 
