@@ -50,7 +50,7 @@ class Component:
     @property
     def short_side(self) -> int:
         """Shorter side of the bounding box in pixels."""
-        return min(self.mask.shape[0], self.mask.shape[1])
+        return min(self.bbox[2] - self.bbox[0], self.bbox[3] - self.bbox[1])
 
     def pixels(self) -> tuple[IntArray, IntArray]:
         """(y, x) of the missing pixels in the image, [area] each, in row-major order."""

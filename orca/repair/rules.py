@@ -30,6 +30,9 @@ class RepairRules:
         generative_budget: P. ... and no more than this many generative completions a scene.
         ring_inner: P. Donors are at least this far from the component, in pixels: nearer ones are blended edges.
         ring_outer: P. Donors are at most this far from the component, in pixels.
+        smooth_ring_inner: O. The same as ring_inner for the "smooth" fill, which tells foreground from background
+            per pixel and gains 0.9 dB from touching the hole (Motorcycle's disocclusions).
+        detail_gain: O. Share of the donors' texture that the "smooth" fill mirrors into the hole; 0 is a pure membrane.
         min_donors: P. With fewer donors the fill is by nearest neighbour. A sample count: never scaled.
         donor_percentile: P. Donors are the ring's pixels at or beyond this percentile of its depth.
         covariance_scale: P. Inserted Gaussians have their covariance multiplied by this.
@@ -48,6 +51,8 @@ class RepairRules:
     generative_budget: int = 2
     ring_inner: int = 3
     ring_outer: int = 28
+    smooth_ring_inner: int = 1
+    detail_gain: float = 0.3
     min_donors: int = 32
     donor_percentile: float = 78.0
     covariance_scale: float = 1.7
@@ -66,7 +71,9 @@ class RepairRules:
             "generative_min_side": (1, math.inf),
             "generative_budget": (0, math.inf),
             "ring_inner": (0, math.inf),
-            "ring_outer": (self.ring_inner + 1, math.inf),
+            "ring_outer": (max(self.ring_inner, self.smooth_ring_inner) + 1, math.inf),
+            "smooth_ring_inner": (0, math.inf),
+            "detail_gain": (0.0, 1.0),
             "min_donors": (1, math.inf),
             "donor_percentile": (0.0, 100.0),
             "covariance_scale": (1e-6, math.inf),
@@ -100,13 +107,15 @@ class RepairRules:
             return max(1, math.floor(value + 0.5))
 
         inner = whole(self.ring_inner * side) if self.ring_inner else 0
+        smooth_inner = whole(self.smooth_ring_inner * side) if self.smooth_ring_inner else 0
         return replace(
             self,
             min_component_area=whole(self.min_component_area * area),
             generative_min_area=whole(self.generative_min_area * area),
             generative_min_side=whole(self.generative_min_side * side),
             ring_inner=inner,
-            ring_outer=max(inner + 1, whole(self.ring_outer * side)),
+            ring_outer=max(max(inner, smooth_inner) + 1, whole(self.ring_outer * side)),
+            smooth_ring_inner=smooth_inner,
         )
 
     def to_json(self) -> dict[str, Any]:
