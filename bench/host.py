@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import platform
 import sys
+from functools import cache
 from importlib import metadata
 from pathlib import Path
 from typing import Any
@@ -20,6 +21,7 @@ _OPENCV = (
 )
 
 
+@cache
 def package_versions() -> dict[str, str | None]:
     """Installed versions from the packages' metadata; None for a package that is not installed."""
     versions = {name: _version(name) for name in _PACKAGES}
@@ -40,7 +42,7 @@ def host_facts(device: str = "cpu") -> dict[str, Any]:
         "device": device,
         "platform": platform.platform(),
         "python": platform.python_version(),
-        "versions": package_versions(),
+        "versions": dict(package_versions()),
     }
 
 

@@ -100,11 +100,12 @@ def _checked_device(device: str) -> str:
     """ "cpu" passes without importing torch; a GPU is looked for before hours of work count on it."""
     if device == "cpu":
         return device
-    import torch
+    if device.split(":")[0] == "cuda":
+        import torch
 
-    if device.split(":")[0] != "cuda" or not torch.cuda.is_available():
-        raise BadInput(f"device '{device}'", "cpu, or cuda where torch sees a GPU", "use --device cpu")
-    return device
+        if torch.cuda.is_available():
+            return device
+    raise BadInput(f"device '{device}'", "cpu, or cuda where torch sees a GPU", "use --device cpu")
 
 
 def _summary_line(summary: RunSummary) -> str:
