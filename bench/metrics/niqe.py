@@ -1,26 +1,17 @@
-"""NIQE (Mittal, Soundararajan and Bovik 2013): a no-reference score from a small prior file, through pyiqa."""
+"""The metric `niqe`: a no-reference score that runs with one small prior file and no network."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from importlib.metadata import version
 from pathlib import Path
-from typing import Any
 
 from bench.metrics.metric import MetricInput, MetricSpec, Score
+from bench.metrics.natural_statistics import BLOCK, NiqePrior, niqe
 from bench.metrics.per_frame import mean_over_frames
 from bench.metrics.weights import WeightsFile
-from orca.conventions import UInt8Array
-from orca.errors import BadInput
 
 __all__ = ["NIQE_PRIOR", "Niqe"]
 
-NIQE_PRIOR = WeightsFile(
-    "niqe",
-    "niqe_modelparameters.mat",
-    "https://huggingface.co/chaofengc/IQA-PyTorch-Weights (or BasicSR's niqe priors)",
-)
-BLOCK = 96
+NIQE_PRIOR = WeightsFile("niqe", "niqe_modelparameters.mat", "https://huggingface.co/chaofengc/IQA-PyTorch-Weights")
 NO_VALUE = f"flat, or fewer than two whole blocks of {BLOCK}x{BLOCK} pixels"
 
 
@@ -28,19 +19,17 @@ class Niqe:
     """Distance of a frame's natural-scene statistics from those of pristine photographs; lower is better."""
 
     def __init__(self) -> None:
-        self._loaded: tuple[Path, Callable[[UInt8Array], float | None]] | None = None
+        self._loaded: tuple[Path, NiqePrior] | None = None
 
     def specs(self, weights_dir: Path | None) -> tuple[MetricSpec, ...]:
-        """The spec of `niqe`; imports no network library."""
+        """The spec of `niqe`."""
         variant = (
-            f"pyiqa 'niqe': rounded Y of YIQ, float64, whole {BLOCK}x{BLOCK} blocks, no crop; one frame at a time; "
+            f"pyiqa's 'niqe' (rounded Y of YIQ, whole {BLOCK}x{BLOCK} blocks, no crop), computed in numpy; "
             "mean over frames that have a value"
         )
-        return (
-            MetricSpec(
-                "niqe", "NIQE", False, (0.0, None), variant, _pyiqa_version(), 3, NIQE_PRIOR.sha256(weights_dir)
-            ),
-        )
+        version = "bench 1, within 1e-4 of pyiqa 0.1.16"
+        digest = NIQE_PRIOR.sha256(weights_dir)
+        return (MetricSpec("niqe", "NIQE", False, (0.0, None), variant, version, 3, digest),)
 
     def compute(self, given: MetricInput) -> dict[str, Score]:
         """Score the frames.
@@ -51,42 +40,6 @@ class Niqe:
         """
         path = NIQE_PRIOR.find(given.weights_dir)
         if self._loaded is None or self._loaded[0] != path:
-            self._loaded = (path, _load(path))
-        return {"niqe": mean_over_frames(given.output.frames, self._loaded[1], NO_VALUE)}
-
-
-def _pyiqa_version() -> str:
-    return f"pyiqa {version('pyiqa')}"
-
-
-def _load(path: Path) -> Callable[[UInt8Array], float | None]:
-    """Build the scorer on the CPU: float64, and the same number on every machine."""
-    import pyiqa
-    import torch
-
-    try:
-        metric = pyiqa.create_metric("niqe", pretrained_model_path=str(path), device=torch.device("cpu"))
-    except (KeyError, ValueError, OSError, NotImplementedError) as error:
-        raise BadInput(
-            f"the NIQE prior {path} cannot be read ({error})",
-            "a MATLAB file with mu_prisparam and cov_prisparam",
-            f"get it again from {NIQE_PRIOR.source}",
-        ) from error
-
-    def score(frame: UInt8Array) -> float | None:
-        return _score(metric, frame)
-
-    return score
-
-
-def _score(metric: Any, frame: UInt8Array) -> float | None:
-    import torch
-    from torch.linalg import LinAlgError  # type: ignore[attr-defined]
-
-    if (frame.shape[0] // BLOCK) * (frame.shape[1] // BLOCK) < 2:
-        return None  # pyiqa fails on no block, and one block has no covariance
-    batch = torch.from_numpy(frame.copy()).permute(2, 0, 1)[None].float() / 255.0
-    try:
-        return float(metric(batch))
-    except LinAlgError:
-        return None  # a flat frame: its statistics are not finite, and the pseudo-inverse does not converge
+            self._loaded = (path, NiqePrior.read(path))
+        prior = self._loaded[1]
+        return {"niqe": mean_over_frames(given.output.frames, lambda frame: niqe(frame, prior), NO_VALUE)}
