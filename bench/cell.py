@@ -118,6 +118,8 @@ class Cell:
         except Exception as error:  # noqa: BLE001 - a failure is a result: typed, stored, and a cell of the table
             _log.debug("%s %s failed", self.scene, self.name, exc_info=error)
             return replace(record, failure=Failure.of(error, self._phase)), None
+        finally:
+            self.store.drop_empty_work_dir(self.name, self.scene)
         output = stored_precision(output)
         save_frames(self.store.frames_path(self.name, self.scene), output)
         self.store.save_trajectory(case.trajectory)
@@ -162,14 +164,13 @@ class Cell:
 
     def _score(self, record: CellRecord, case: SceneCase, output: MethodOutput, metrics: tuple[str, ...]) -> CellRecord:
         """Compute the metrics, writing the record after each family."""
-        self._tell("metrics", 0, len(metrics))
-        done = 0
-        for family, scores, seconds in self.scorer.compute(case, output, metrics):
+        families = self.scorer.families(metrics)
+        for done, family in enumerate(families):
+            self._tell(f"metric {family}", done, len(families))
+            scores, seconds = self.scorer.compute(family, case, output)
             spent = {**record.timing.get("metrics", {}), family: seconds}
             record = replace(record, scores=record.scores | scores, timing={**record.timing, "metrics": spent})
             self.store.save(record)
-            done += len(set(scores) & set(metrics))
-            self._tell(f"metrics: {family}", done, len(metrics))
         return record
 
     def _keep(self, record: CellRecord, metrics: tuple[str, ...], error: Exception) -> CellRecord:

@@ -99,7 +99,7 @@ def _add_run(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--metrics", **names, help="metrics (all)")
     parser.add_argument("--preset", default="draft", help="preset of ORCA (draft)")
     parser.add_argument("--out", type=Path, metavar="DIR", help="folder of the run (runs/DATASET-PRESET)")
-    parser.add_argument("--weights-dir", type=Path, metavar="DIR", help="folder with weights of metrics")
+    parser.add_argument("--weights-dir", type=Path, metavar="DIR", help="weights of metrics (DATA_ROOT/weights)")
     parser.add_argument("--device", default="cpu", help="cpu or cuda (cpu)")
     parser.add_argument("--seed", type=int, default=0, help="the random seed (0)")
     parser.add_argument("--retry-failed", action="store_true", help="run failed cells and unavailable scores again")

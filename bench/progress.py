@@ -46,38 +46,35 @@ class SilentReporter:
 
 
 class BarReporter:
-    """One tqdm bar over the cells, with the phase in its tail, and one line per finished cell; all on stderr."""
+    """One tqdm bar over the cells with the phase in its head, and a line for each finished cell; all on stderr.
+
+    Where stderr is no terminal there are only the lines.
+    """
 
     def __init__(self) -> None:
         from tqdm import tqdm
 
-        # A log file gets a line every half minute instead of ten redraws a second.
-        self._interactive = sys.stderr.isatty()
-        self._every = 0.2 if self._interactive else 30.0
-        self._bar = tqdm(
-            total=0, unit="cell", file=sys.stderr, mininterval=self._every, dynamic_ncols=True, disable=None
-        )
-        self._tqdm = tqdm
-        self._last = 0.0
+        self._bar = tqdm(total=0, unit="cell", file=sys.stderr, dynamic_ncols=True, disable=None)
+        self._write = tqdm.write
+        self._drawn = 0.0
 
     def start(self, cells: int) -> None:
         """Set the length of the bar."""
         self._bar.reset(total=cells)
 
     def phase(self, scene: str, method: str, phase: str, done: int, total: int) -> None:
-        """Show scene, method and phase; redraw no more often than the eye, or the log, wants it."""
+        """Show scene, method and phase; a fit reports thousands of steps, the eye sees five a second."""
         now = time.monotonic()
-        if now - self._last < self._every and 0 < done < total:
+        if 0 < done < total and now - self._drawn < 0.2:
             return
-        self._last = now
+        self._drawn = now
         count = f" {done}/{total}" if total > 1 else ""
-        if self._interactive:
-            self._bar.set_description_str(f"{scene} · {method} · {phase}{count}")
+        self._bar.set_description_str(f"{scene} · {method} · {phase}{count}")
 
     def cell(self, line: str | None) -> None:
         """Advance the bar and print the line above it."""
         if line is not None:
-            self._tqdm.write(line, file=sys.stderr)
+            self._write(line, file=sys.stderr)
         self._bar.update(1)
 
     def close(self) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -55,20 +55,20 @@ class Scorer:
         found = {metric_id: spec for family in self._families for metric_id, spec in family.specs.items()}
         return {metric_id: found[metric_id] for metric_id in self.ids}
 
-    def compute(
-        self, case: SceneCase, output: MethodOutput, missing: Sequence[str]
-    ) -> Iterator[tuple[str, dict[str, ScoreRecord], float]]:
-        """Run every family that owns a missing id; yield (family, scores by id, seconds) after each.
+    def families(self, missing: Sequence[str]) -> list[str]:
+        """Names of the metric classes that have to run for these ids."""
+        return [family.name for family in self._families if set(family.specs) & set(missing)]
+
+    def compute(self, name: str, case: SceneCase, output: MethodOutput) -> tuple[dict[str, ScoreRecord], float]:
+        """Run one family; return its scores by id, and the seconds that they took.
 
         A family computes all of its ids in one go, so ids nobody asked for come along and are kept. A metric that is
         `Unavailable`, or raises, gives scores that say so; nothing is raised.
         """
-        given = MetricInput(case, output, self._weights_dir, self._device)
-        for family in self._families:
-            if set(family.specs) & set(missing):
-                started = time.perf_counter()
-                scores = _family_scores(family, given)
-                yield family.name, scores, time.perf_counter() - started
+        family = next(family for family in self._families if family.name == name)
+        started = time.perf_counter()
+        scores = _family_scores(family, MetricInput(case, output, self._weights_dir, self._device))
+        return scores, time.perf_counter() - started
 
     def failed_scores(self, missing: Sequence[str], error: Exception) -> dict[str, ScoreRecord]:
         """Scores of ids that could not be computed because their frames or their scene could not be had."""

@@ -72,6 +72,12 @@ class RunStore:
         shutil.rmtree(folder, ignore_errors=True)
         return output_folder(folder)
 
+    def drop_empty_work_dir(self, method: str, scene: str) -> None:
+        """Remove the work folder of a method that left nothing in it."""
+        folder = self._cell("work", method, scene, "")
+        if folder.is_dir() and not any(folder.iterdir()):
+            folder.rmdir()
+
     def load(self, method: str, scene: str) -> CellRecord | None:
         """The result of a cell, or None when there is none. Raises `BadInput` for a broken file."""
         path = self.record_path(method, scene)

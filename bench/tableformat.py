@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
+import textwrap
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -85,7 +86,8 @@ class Table:
                 for i, (row, line) in enumerate(zip(self.rows, lines[1:]))
             ]
             blocks.append("\n".join([lines[0], rule, *spaced]))
-        return "\n\n".join([self.title, *blocks, *(["\n".join(self.notes)] if self.notes else [])]) + "\n"
+        notes = "\n".join(textwrap.fill(note, width, subsequent_indent="    ") for note in self.notes)
+        return "\n\n".join([self.title, *blocks, *([notes] if notes else [])]) + "\n"
 
     def to_markdown(self) -> str:
         """A GitHub table, bold where strictly best, notes as a list below."""

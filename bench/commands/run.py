@@ -6,7 +6,6 @@ import argparse
 import shlex
 import shutil
 from pathlib import Path
-from typing import Any
 
 from bench.adapters import METHODS, RunOptions
 from bench.commands.names import chosen
@@ -64,12 +63,13 @@ def _request(args: argparse.Namespace) -> RunRequest:
     scenes = chosen("scene", args.scenes, known, known)
     if not scenes:
         raise BadInput(f"data set {args.dataset} without a scene", "one scene or more", "put images into the folder")
+    data_root = resolve_data_root(args.data_root)
     options = RunOptions(
         preset=args.preset,
         seed=args.seed,
         device=_checked_device(args.device),
-        data_root=resolve_data_root(args.data_root),
-        weights_dir=_existing_folder(args.weights_dir, "--weights-dir"),
+        data_root=data_root,
+        weights_dir=_weights_dir(args.weights_dir, data_root),
     )
     return RunRequest(
         dataset=dataset,
@@ -82,18 +82,17 @@ def _request(args: argparse.Namespace) -> RunRequest:
         trajectory=args.trajectory,
         retry_failed=args.retry_failed,
         command=shlex.join(["python", "-m", "bench", *args.argv]),
-        preset_config=_plain(preset.to_json()),
+        preset_config=preset.to_json(),
     )
 
 
-def _plain(config: Any) -> dict[str, Any]:
-    return dict(config)
-
-
-def _existing_folder(path: Path | None, option: str) -> Path | None:
-    if path is not None and not path.is_dir():
-        raise BadInput(f"{option} {path}", "an existing folder", "make the folder, or leave the option out")
-    return path
+def _weights_dir(given: Path | None, data_root: Path) -> Path | None:
+    """The folder given, else ``weights`` in the data root if it is there, else none."""
+    if given is None:
+        return data_root / "weights" if (data_root / "weights").is_dir() else None
+    if not given.is_dir():
+        raise BadInput(f"--weights-dir {given}", "an existing folder", "make the folder, or leave the option out")
+    return given
 
 
 def _checked_device(device: str) -> str:

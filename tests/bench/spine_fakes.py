@@ -77,6 +77,8 @@ class FakeMethod:
             raise KeyboardInterrupt
         if what == "bad input":
             raise BadInput("a sky and nothing else", "a scene", "choose another")
+        if what == "leave a file" and options.work_dir is not None:
+            (options.work_dir / "scene.safetensors").touch()
         frames = np.full((2 if what == "short" else 3, 6, 8, 3), self.grey, np.uint8)
         frames += np.arange(len(frames), dtype=np.uint8)[:, None, None, None]
         coverage = np.full(frames.shape[:3], np.nan if what == "nan" else 0.3, np.float32)

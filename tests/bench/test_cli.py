@@ -181,6 +181,13 @@ def test_default_methods_fit_the_data_set() -> None:
     assert run_verb.default_methods("realmdreamer") == tuple(METHODS)
 
 
+def test_weights_are_looked_for_beside_the_data(tmp_path: Path) -> None:
+    assert run_verb._weights_dir(None, tmp_path) is None
+    (tmp_path / "weights").mkdir()
+    assert run_verb._weights_dir(None, tmp_path) == tmp_path / "weights"
+    assert run_verb._weights_dir(tmp_path, tmp_path) == tmp_path
+
+
 def test_help_is_quick_and_imports_nothing_heavy() -> None:
     code = (
         "import sys; from bench.cli import main\n"

@@ -290,4 +290,8 @@ def test_the_work_folder_of_a_method_is_empty_at_its_start(request_: RunRequest)
     folder = RunStore(request_.out).fresh_work_dir("dark", "a")
     (folder / "old").write_text("stale")
     go(request_, scenes=("a",))
-    assert list(folder.iterdir()) == []
+    assert not folder.exists()  # nothing was put into it
+    SWITCHES["version"] = "2"
+    SWITCHES["dark a"] = "leave a file"
+    go(request_, scenes=("a",))
+    assert [path.name for path in folder.iterdir()] == ["scene.safetensors"]
