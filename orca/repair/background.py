@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from typing import Any
+
 import cv2
 import numpy as np
 from numpy.typing import NDArray
@@ -66,9 +69,8 @@ def _locally_near(inverse: Float32Array, ring: BoolArray, radius: int) -> BoolAr
     return np.asarray(near & ring)
 
 
-def _window(extremum: object, image: Float32Array, row: NDArray[np.uint8], outside: float) -> Float32Array:
+def _window(extremum: Callable[..., Any], image: Float32Array, row: NDArray[np.uint8], outside: float) -> Float32Array:
     """Minimum (cv2.erode) or maximum (cv2.dilate) over a square window, as two one-dimensional passes."""
-    assert callable(extremum)
     for kernel in (row, row.T):
         image = extremum(image, kernel, borderType=cv2.BORDER_CONSTANT, borderValue=outside)
     return image
