@@ -110,7 +110,7 @@ class Table:
         for row in self.rows:
             line: list[str] = list(row.labels)
             for cell, both in zip(row.cells, counted):
-                line.append("" if cell.value is None else repr(round(cell.value, 6)))
+                line.append("" if cell.value is None else f"{cell.value:.6f}".rstrip("0").rstrip("."))
                 line += [cell.scenes] if both else []
             writer.writerow(line)
         return out.getvalue()

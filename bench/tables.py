@@ -32,7 +32,7 @@ def dataset_table(run: Measured) -> Table:
             _mark_best(column, [cells[m] for m in run.methods], i)
     rows = [Row((method,), (_failed_cell(run, method), *cells[method])) for method in run.methods]
     heads = (Head("failed", "Failed"), *_heads(columns))
-    title = f"{run.dataset}: mean over {len(run.scenes)} scenes"
+    title = f"{run.dataset}: mean over {len(run.scenes)} scene{'s' if len(run.scenes) != 1 else ''}"
     return Table("dataset", title, ("Method",), heads, tuple(rows), (*_caption(run, columns), *notes.lines()))
 
 

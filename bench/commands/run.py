@@ -81,7 +81,7 @@ def _request(args: argparse.Namespace) -> RunRequest:
         images=args.images,
         trajectory=args.trajectory,
         retry_failed=args.retry_failed,
-        command=shlex.join(["python", "-m", "bench", *args.argv]),
+        command=shlex.join(["python", "-m", "bench", *(a for a in args.argv if a not in ("--json", "--debug"))]),
         preset_config=preset.to_json(),
     )
 

@@ -180,10 +180,10 @@ def test_csv_carries_raw_numbers_and_counts(tmp_path: Path) -> None:
     assert [path.name for path in paths] == ["dataset.md", "dataset.csv", "scenes.md", "scenes.csv"]
     rows = list(csv.DictReader(io.StringIO((tmp_path / "tables/dataset.csv").read_text())))
     light = next(row for row in rows if row["method"] == "light")
-    assert (light["bright"], light["bright_scenes"], light["learned"]) == ("201.0", "2/2", "")
+    assert (light["bright"], light["bright_scenes"], light["learned"]) == ("201", "2/2", "")
     rows = list(csv.DictReader(io.StringIO((tmp_path / "tables/scenes.csv").read_text())))
     assert [(row["scene"], row["method"]) for row in rows] == [(s, m) for s in "ab" for m in ("dark", "light")]
-    assert rows[0]["covered"] == repr(round(77 / 255, 6))  # 0.3 in the 1/255 steps in which coverage is kept
+    assert rows[0]["covered"] == f"{77 / 255:.6f}"  # 0.3 in the 1/255 steps in which coverage is kept
 
 
 def test_wide_text_breaks_into_blocks_that_fit_with_labels_repeated() -> None:
