@@ -31,7 +31,7 @@ class RepairRules:
         ring_inner: P. Donors are at least this far from the component, in pixels: nearer ones are blended edges.
         ring_outer: P. Donors are at most this far from the component, in pixels.
         smooth_ring_inner: O. The same as ring_inner for the "smooth" fill, which tells foreground from background
-            per pixel and gains 0.9 dB from touching the hole (Motorcycle's disocclusions).
+            per pixel and gains 1.0 dB from touching the hole (Motorcycle's holes).
         detail_gain: O. Share of the donors' texture that the "smooth" fill mirrors into the hole; 0 is a pure membrane.
         min_donors: P. With fewer donors the fill is by nearest neighbour. A sample count: never scaled.
         donor_percentile: P. Donors are the ring's pixels at or beyond this percentile of its depth.
