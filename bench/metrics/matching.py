@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from orca.conventions import Float32Array, Float64Array
+from orca.errors import BadInput
 
 __all__ = ["MatchConfig", "match_descriptors"]
 
@@ -31,6 +32,14 @@ class MatchConfig:
     ratio: float = 0.8
     max_angle: float = 0.7
 
+    def __post_init__(self) -> None:
+        if not (0 < self.ratio <= 1 and 0 < self.max_angle <= np.pi):
+            raise BadInput(
+                f"match ratio {self.ratio:g}, largest angle {self.max_angle:g}",
+                "a ratio in (0, 1] and an angle in (0, pi] radians",
+                "correct the matcher settings",
+            )
+
 
 def match_descriptors(
     first: Float32Array, second: Float32Array, config: MatchConfig | None = None
@@ -49,47 +58,53 @@ def match_descriptors(
     c = config or MatchConfig()
     if len(first) == 0 or len(second) == 0:
         return np.zeros(0, np.intp), np.zeros(0, np.intp)
-    nearest, best, runner_up, column_best = _scan_rows(first, second)
-    # The mutual test comes first: it leaves few columns of which the second best must be known.
-    kept = column_best[nearest] == best
-    kept &= _angle(best) <= c.max_angle
-    kept &= _passes_ratio(best, runner_up, c.ratio)
+    nearest, best, runner_up, rest = _scan_rows(first, second)
+    champion, column_runner_up = _scan_columns(nearest, best, rest)
+    kept = champion & (_angle(best) <= c.max_angle)
+    # With a ratio of at most 1 the test over the column also says that no other row is nearer: the match is mutual.
+    kept &= _passes_ratio(best, runner_up, c.ratio) & _passes_ratio(best, column_runner_up[nearest], c.ratio)
     i = np.flatnonzero(kept)
-    j = nearest[i]
-    passed = _passes_ratio(best[i], _column_runner_up(first, second, i, j), c.ratio)
-    return i[passed], j[passed]
+    return i, nearest[i]
 
 
 def _scan_rows(
     first: Float32Array, second: Float32Array
 ) -> tuple[IndexArray, Float32Array, Float32Array, Float32Array]:
-    """Per row of first @ second.T: argmax, max, second largest; per column: max."""
+    """One pass over first @ second.T, a block of rows at a time.
+
+    Returns per row the argmax, the maximum and the second largest; per column the maximum over the entries that are
+    not the maximum of their row.
+    """
     n, m = len(first), len(second)
     nearest = np.empty(n, np.intp)
     best, runner_up = np.empty(n, np.float32), np.empty(n, np.float32)
-    column_best = np.full(m, -np.inf, np.float32)
+    rest = np.full(m, -np.inf, np.float32)
     buffer = np.empty((min(BLOCK_ROWS, n), m), np.float32)
     for start in range(0, n, BLOCK_ROWS):
         rows = slice(start, min(start + BLOCK_ROWS, n))
         similarity = np.matmul(first[rows], second.T, out=buffer[: rows.stop - start])
-        np.maximum(column_best, similarity.max(axis=0), out=column_best)
         nearest[rows] = similarity.argmax(axis=1)
         here = np.arange(len(similarity)), nearest[rows]
         best[rows] = similarity[here]
         similarity[here] = -np.inf
         runner_up[rows] = similarity.max(axis=1)
-    return nearest, best, runner_up, column_best
+        np.maximum(rest, similarity.max(axis=0), out=rest)
+    return nearest, best, runner_up, rest
 
 
-def _column_runner_up(first: Float32Array, second: Float32Array, i: IndexArray, j: IndexArray) -> Float32Array:
-    """Largest similarity of descriptor j of ``second`` to any of ``first`` but i, for each pair (i, j)."""
-    result = np.empty(len(j), np.float32)
-    for start in range(0, len(j), BLOCK_ROWS):
-        rows = slice(start, min(start + BLOCK_ROWS, len(j)))
-        similarity = second[j[rows]] @ first.T
-        similarity[np.arange(len(similarity)), i[rows]] = -np.inf
-        result[rows] = similarity.max(axis=1)
-    return result
+def _scan_columns(
+    nearest: IndexArray, best: Float32Array, rest: Float32Array
+) -> tuple[NDArray[np.bool_], Float32Array]:
+    """Per row, whether it is the best of the rows that have its column as their nearest; per column, the largest entry
+    outside that row. This saves the second product that the other direction would cost.
+    """
+    order = np.argsort(best, kind="stable")
+    champion_of = np.zeros(len(rest), np.intp)
+    champion_of[nearest[order]] = order  # the last assignment holds: the largest; of equals one, and the other remains
+    champion = champion_of[nearest] == np.arange(len(nearest))
+    runner_up = rest.copy()
+    np.maximum.at(runner_up, nearest[~champion], best[~champion])
+    return champion, runner_up
 
 
 def _angle(similarity: Float32Array) -> Float64Array:

@@ -35,7 +35,8 @@ class Tsed:
         """The specs of the fraction and of the median distance."""
         c = self.config
         title = "TSED" if c.mode == "known" else "Epipolar self-consistency"
-        version = f"bench 1, OpenCV {cv2.__version__}"
+        # The hash makes a stored score of other settings a stale one.
+        version = f"bench 1, OpenCV {cv2.__version__}, settings {c.sha256[:8]}"
         at = "native width" if c.t_error_width is None else f"width {c.t_error_width}"
         geometry = _geometry(c)
         thresholds = f"median < {c.t_error:g} px at {at}, n >= {c.t_matches}"
@@ -65,7 +66,7 @@ class Tsed:
 
 def _geometry(config: TsedConfig) -> str:
     if config.mode == "estimated":
-        return "F or H estimated from the matches (MAGSAC), RootSIFT, mutual ratio 0.8"
+        return f"F or H estimated from the matches (MAGSAC), RootSIFT, mutual ratio {config.matcher.ratio:g}"
     note = ", RANSAC-prefiltered matches" if config.ransac_prefilter else ""
     zero = "" if config.zero_baseline == "homography" else f", zero baseline: {config.zero_baseline}"
     return f"known cameras, RootSIFT, mutual ratio {config.matcher.ratio:g}{note}{zero}"
