@@ -137,5 +137,4 @@ def judge_estimated(matches: PairMatches, config: TsedConfig | None = None) -> P
         model=model.name,
         obstacle="low_inliers" if low else None,
         inlier_ratio=model.inlier_ratio,
-        min_matches=e.min_matches,
     )

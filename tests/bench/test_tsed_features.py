@@ -100,6 +100,13 @@ def test_exact_ties_fail() -> None:
         assert len(first) not in touched
 
 
+def test_angles_below_the_resolution_of_float32_are_ties() -> None:
+    # The last bit of a cosine: what two kernels of a BLAS may make of one product.
+    almost = np.array([[1, 0], [np.nextafter(np.float32(1), np.float32(0)), 0]], np.float32)
+    assert as_set(match_descriptors(almost[:1], almost)) == set()
+    assert as_set(match_descriptors(almost, almost[:1])) == set()
+
+
 def test_ties_fail_for_any_rounding_of_the_product() -> None:
     # Every descriptor five times, in rows that different kernels of the BLAS compute.
     tiles = np.tile(random_pair(1, 301, 10)[0], (5, 1))

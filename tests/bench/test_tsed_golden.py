@@ -62,4 +62,4 @@ def test_golden_medians_of_all_videos(data_root: Path) -> None:
         found = scores(data_root, scene)
         check(scene, found)
         frozen.append([score["tsed"].detail["frozen_null"] for score in found])
-    np.testing.assert_allclose(np.mean(frozen, axis=0), FROZEN_NULL, atol=0.03)
+    np.testing.assert_allclose(np.mean(frozen, axis=0), FROZEN_NULL, atol=0.005)

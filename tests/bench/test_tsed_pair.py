@@ -94,7 +94,7 @@ def test_the_threshold_is_strict(offset: float, expected: bool) -> None:
     K = np.array([[256.0, 0, 256], [0, 256, 256], [0, 0, 1]])
     first, second = Camera(K, np.eye(4), SIZE, SIZE), Camera(K, pose(t=(0.5, 0, 0)), SIZE, SIZE)
     x1 = np.stack([np.arange(12.0) * 16, np.arange(12.0) * 32], axis=1)
-    score = judge(first, second, x1, x1 + [8.0, offset])
+    score = judge(first, second, x1, x1 + np.array([8.0, offset]))
     assert score.median == (offset if offset == 2.0 else pytest.approx(offset, abs=1e-9))
     assert passes(score) is expected
 
@@ -164,7 +164,7 @@ def test_frozen_pair_needs_a_rotation_to_be_seen() -> None:
 
 def test_flow_is_the_median_displacement() -> None:
     x1 = np.zeros((3, 2))
-    assert PairMatches(x1, x1 + [[3, 4], [6, 8], [0, 1]]).flow == 5.0
+    assert PairMatches(x1, x1 + np.array([[3, 4], [6, 8], [0, 1]])).flow == 5.0
     assert PairMatches(x1[:0], x1[:0]).flow is None
 
 
