@@ -18,6 +18,7 @@ __all__ = [
     "CanvasConfig",
     "DeformConfig",
     "HashConfig",
+    "PlacementConfig",
     "PlanarConfig",
     "ReconstructConfig",
     "RenderConfig",
@@ -98,15 +99,36 @@ class CanvasConfig:
 
 
 @dataclass(frozen=True)
+class PlacementConfig:
+    """Where the anchors go (O).
+
+    Attributes:
+        kind: "quadtree" places them by need, "grid" on a regular grid (P).
+        margin_importance: how much an error in the outpainted margin counts against one in the original.
+        edge_ratio: neighbouring depths further apart than this ratio are a depth edge.
+        edge_weight: how much a cell across a depth edge costs, in units of the local colour variance ...
+        edge_floor: ... to which this is added, since silhouettes move in novel views whatever their contrast.
+    """
+
+    kind: Literal["quadtree", "grid"] = "quadtree"
+    margin_importance: float = 0.25
+    edge_ratio: float = 1.05
+    edge_weight: float = 0.5
+    edge_floor: float = 0.005
+
+
+@dataclass(frozen=True)
 class PlanarConfig:
     """Stage 1 (P: iterations; O: the rest).
 
     Attributes:
-        anchors_per_pixel: grid density inside the original image; 0.25 is 65,536 anchors at 512x512.
-        margin_spacing: grid spacing outside the original, in units of the spacing inside.
+        anchors_per_pixel: anchors per pixel of the original image; 0.25 is 65,536 at 512x512. A quadtree's anchors
+            in the outpainted margin are within that number; a regular grid's come on top.
+        placement: where they go.
+        margin_spacing: grid spacing outside the original, in units of the spacing inside ("grid" only).
         kappa: standard deviation of an anchor over the grid spacing.
         thickness: standard deviation along the plane's normal over that in the plane.
-        opacity_logit: initial omega (I: 1).
+        opacity_logit: initial omega (I: 1; O: 5, opaque surfaces).
         density: sigma that the analytic initialisation gives every anchor.
         initialisation: "closed_form" solves for the features (METHOD.md 1.2), "random" is the paper's.
         colour_clip: colours are kept this far from 0 and 1 before the logit.
@@ -117,11 +139,12 @@ class PlanarConfig:
     """
 
     anchors_per_pixel: float = 0.25
+    placement: PlacementConfig = field(default_factory=PlacementConfig)
     margin_spacing: float = 2.0
     kappa: float = 0.5
     thickness: float = 0.3
-    opacity_logit: float = 1.0
-    density: float = 30.0
+    opacity_logit: float = 5.0
+    density: float = 15.0
     initialisation: Literal["closed_form", "random"] = "closed_form"
     colour_clip: float = 2e-3
     gauss_newton_steps: int = 4
@@ -143,6 +166,7 @@ class DeformConfig:
         sharpen_depth: move depths halfway between two surfaces to the nearer of the two, so that no anchor
             floats between foreground and background (O).
         edge_ratio: two depths further apart than this ratio, within the window, are two surfaces (O).
+        edge_density: sigma of anchors at depth edges, where a hard foreground rim would cover the background (O).
         follow_slope: tilt and stretch each Gaussian with the surface it lies on (O).
         max_slope: largest relative depth change per unit of image tangent that is still one surface (O).
         max_iterations: fine-tuning steps at most (P: 20,000).
@@ -156,6 +180,7 @@ class DeformConfig:
     epsilon: float = 1e-6
     sharpen_depth: bool = True
     edge_ratio: float = 1.06
+    edge_density: float = 6.0
     follow_slope: bool = True
     max_slope: float = 4.0
     max_iterations: int = 0
@@ -205,12 +230,18 @@ class ReconstructConfig:
 
 
 _DRAFT = ReconstructConfig()
-_QUALITY = replace(_DRAFT, name="quality", planar=replace(_DRAFT.planar, anchors_per_pixel=1.0, margin_spacing=4.0))
+_QUALITY = replace(_DRAFT, name="quality", planar=replace(_DRAFT.planar, anchors_per_pixel=1.0))
 _PAPER = ReconstructConfig(
     name="paper",
     render=RenderConfig(decode="per_hit", window=2),
     planar=PlanarConfig(
-        anchors_per_pixel=1.0, margin_spacing=1.0, initialisation="random", max_iterations=30_000, use_direction=True
+        anchors_per_pixel=1.0,
+        placement=PlacementConfig(kind="grid"),
+        margin_spacing=1.0,
+        initialisation="random",
+        opacity_logit=1.0,
+        max_iterations=30_000,
+        use_direction=True,
     ),
     deform=DeformConfig(lifting="relative", sharpen_depth=False, follow_slope=False, max_iterations=20_000),
     repair=RepairConfig(views=0, fill="paper"),

@@ -12,10 +12,10 @@ import torch
 
 from orca.anchors import GaussianAnchors, Stage
 from orca.camera import Camera
-from orca.config import PlanarConfig, ReconstructConfig
+from orca.config import ReconstructConfig
 from orca.conventions import Float32Array
 from orca.errors import BadInput
-from orca.field.decoders import Decoders, analytic_decoders
+from orca.field.decoders import DENSITY_CHANNEL, Decoders, analytic_decoders, density_feature
 from orca.field.hashing import HashEncoding
 from orca.priors.depth import DepthEstimate
 from orca.priors.outpaint import OUTPAINTERS, Outpainter
@@ -24,13 +24,15 @@ from orca.repair.insert import InsertConfig
 from orca.repair.loop import repair
 from orca.scene import Scene
 from orca.stages.canvas import Canvas, make_canvas
-from orca.stages.deform import deform
+from orca.stages.deform import deform, near_depth_edge
 from orca.stages.observations import Observation, observations
-from orca.stages.planar import PlanarGrid, planar_anchors, planar_grid, rest_positions
+from orca.stages.planar import PlanarGrid, place, planar_anchors, rest_positions
 from orca.stages.solve import solve_colours
 from orca.stages.train import TrainPlan, train
 
 __all__ = ["Reconstruction", "reconstruct"]
+
+_MARGIN_RESOLUTION = 4.0  # the outpainted margin is blurred; its anchors need no finer observations than this
 
 Progress = Callable[[str, int, int], None]
 
@@ -98,10 +100,10 @@ def reconstruct(
 
     started = time.perf_counter()
     if outpainter is None and config.canvas.outpainter != "none":
-        outpainter = OUTPAINTERS.get(config.canvas.outpainter)
+        outpainter = OUTPAINTERS.get(config.canvas.outpainter)()
     canvas = make_canvas(image, depth.depth, camera, trajectory, config.canvas, outpainter)
-    grid = planar_grid(canvas, config.planar)
-    observed = observations(canvas, config.planar.margin_spacing * float(grid.spacing.min()))
+    grid = place(canvas, config.planar)
+    observed = observations(canvas, _MARGIN_RESOLUTION)
     run.timed("canvas", started)
 
     started = time.perf_counter()
@@ -109,7 +111,7 @@ def reconstruct(
     run.timed("planar", started)
 
     started = time.perf_counter()
-    lifted = _stage_deform(planar, decoders, encoding, canvas, observed, run)
+    lifted = _stage_deform(planar, decoders, encoding, canvas, grid, observed, run)
     run.timed("deform", started)
 
     started = time.perf_counter()
@@ -179,6 +181,7 @@ def _stage_deform(
     decoders: Decoders,
     encoding: HashEncoding | None,
     canvas: Canvas,
+    grid: PlanarGrid,
     observed: Sequence[Observation],
     run: _Run,
 ) -> GaussianAnchors:
@@ -186,6 +189,8 @@ def _stage_deform(
     config = run.config
     run.progress("depth deformation", 0, 1)
     lifted = deform(anchors, canvas.depth, canvas.camera, config.deform)
+    if config.planar.initialisation == "closed_form":
+        lifted = _soften_edges(lifted, grid, canvas, config)
     _note_psnr(run, "deformed", lifted, decoders, observed[0])
     if config.planar.initialisation == "closed_form":
         lifted = solve_colours(lifted, decoders, observed, config.planar, config.render)
@@ -194,6 +199,18 @@ def _stage_deform(
     _note_psnr(run, "fine_tuned", lifted, decoders, observed[0])
     run.progress("depth deformation", 1, 1)
     return lifted
+
+
+def _soften_edges(
+    anchors: GaussianAnchors, grid: PlanarGrid, canvas: Canvas, config: ReconstructConfig
+) -> GaussianAnchors:
+    """Lower the density of anchors at depth edges: the rim of a dense foreground anchor would hide the background."""
+    soft = near_depth_edge(canvas.depth, grid.pixels, 2 * grid.spacing, config.deform.edge_ratio)
+    features = anchors.features.clone()
+    features[torch.from_numpy(soft), DENSITY_CHANNEL] = density_feature(
+        config.deform.edge_density, config.planar.density
+    )
+    return anchors.with_features(features)
 
 
 def _train(
@@ -237,16 +254,12 @@ def _stage_repair(
     if not config.repair.enabled:
         return anchors, {"schema_version": 1, "repairs": [], "stopped": "repair is off"}
     insert = InsertConfig(config.planar.kappa, config.planar.colour_clip)
-    result = repair(
-        anchors, decoders.cpu(), trajectory, config.repair, config.render, insert, seed, run.progress
-    )
+    result = repair(anchors, decoders.cpu(), trajectory, config.repair, config.render, insert, seed, run.progress)
     run.record["repair_stopped"] = result.ledger.stopped
     return result.anchors, result.ledger.to_json()
 
 
-def _note_psnr(
-    run: _Run, stage: str, anchors: GaussianAnchors, decoders: Decoders, observation: Observation
-) -> None:
+def _note_psnr(run: _Run, stage: str, anchors: GaussianAnchors, decoders: Decoders, observation: Observation) -> None:
     """Record how well the input view is reproduced, in dB."""
     rendered = Renderer(anchors, decoders.cpu(), run.config.render).render(observation.camera)
     error = np.clip(rendered.rgb.reshape(-1, 3)[observation.rays], 0, 1) - observation.colour

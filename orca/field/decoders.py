@@ -15,6 +15,7 @@ __all__ = [
     "SH_DIM",
     "Decoders",
     "analytic_decoders",
+    "density_feature",
     "spherical_harmonics",
 ]
 
@@ -110,6 +111,11 @@ class Decoders(nn.Module):
         """Density [S] and colour [S, 3] of aggregated features [S, 32]."""
         sigma, geo = self.density(self.density_in(features))
         return sigma, self.colour(geo, directions)
+
+
+def density_feature(density: float, reference: float) -> float:
+    """Value of the density channel that decodes to ``density`` where 1 decodes to ``reference`` (analytic decoders)."""
+    return (1.0 + math.log(density)) / (1.0 + math.log(reference))
 
 
 def analytic_decoders(density: float, generator: torch.Generator, noise: float = 0.0) -> Decoders:

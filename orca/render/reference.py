@@ -17,7 +17,7 @@ from orca.render.aggregation import PaddedHits, aggregate
 from orca.render.quadrature import composite
 from orca.render.selector import ray_anchor_closest_approach
 
-__all__ = ["gather_hits", "render_rays"]
+__all__ = ["gather_hits", "integrate", "ray_tensors", "render_rays"]
 
 
 def gather_hits(
@@ -46,14 +46,31 @@ def render_rays(
     config: RenderConfig,
 ) -> tuple[Tensor, Tensor, Tensor]:
     """Colour without background [R, 3], accumulated alpha [R] and depth [R] of some rays of one camera."""
+    origin, directions = ray_tensors(anchors, camera, pixels)
+    return integrate(gather_hits(anchors, origin, directions, hit_anchor), decoders, directions, config)
+
+
+def ray_tensors(anchors: GaussianAnchors, camera: Camera, pixels: Tensor) -> tuple[Tensor, Tensor]:
+    """Origin [3] and directions [R, 3] (camera z = 1) of the rays of pixels [R, 2], where the anchors live."""
     like = anchors.means
     matrix = torch.as_tensor(camera.pixel_to_ray(), dtype=like.dtype, device=like.device)
     origin = torch.as_tensor(camera.center, dtype=like.dtype, device=like.device)
     homogeneous = torch.cat([pixels, torch.ones_like(pixels[:, :1])], 1).to(like.dtype)
-    directions = homogeneous @ matrix.T
-    samples = aggregate(gather_hits(anchors, origin, directions, hit_anchor), config)
+    return origin, homogeneous @ matrix.T
+
+
+def integrate(
+    hits: PaddedHits, decoders: Decoders, directions: Tensor | None, config: RenderConfig
+) -> tuple[Tensor, Tensor, Tensor]:
+    """Aggregate, decode and composite given hits: colour without background [R, 3], alpha [R], depth [R].
+
+    ``directions`` [R, 3] may be left out where the decoders do not use them.
+    """
+    samples = aggregate(hits, config)
     rays, k = samples.valid.shape
-    unit = torch.nn.functional.normalize(directions, dim=-1)[:, None, :].expand(rays, k, 3).reshape(-1, 3)
+    unit = None
+    if directions is not None:
+        unit = torch.nn.functional.normalize(directions, dim=-1)[:, None, :].expand(rays, k, 3).reshape(-1, 3)
     sigma, colour = decoders(samples.features.flatten(0, 1), unit)
     sigma = torch.where(samples.valid, sigma.view(rays, k), 0.0)
     return composite(sigma, samples.opacity, colour.view(rays, k, 3), samples.t)

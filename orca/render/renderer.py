@@ -54,9 +54,7 @@ class Renderer:
         device: "cpu" takes the compiled path; any other torch device takes the reference in torch operations.
     """
 
-    def __init__(
-        self, anchors: GaussianAnchors, decoders: Decoders, config: RenderConfig, device: str = "cpu"
-    ) -> None:
+    def __init__(self, anchors: GaussianAnchors, decoders: Decoders, config: RenderConfig, device: str = "cpu") -> None:
         self.config, self.device = config, device
         self.anchors, self.decoders = anchors.detached().to(device), decoders.to(device)
         with torch.inference_mode():
@@ -92,7 +90,7 @@ class Renderer:
     def _fast(self, camera: Camera, hits: HitList) -> Float32Array:
         samples = fast.aggregate(hits, self.opacity, self.hidden, self.config)
         directions = fast.view_directions(camera, samples.ray) if self.decoders.use_direction else None
-        sigma, colour = fast.decode(self.decoders, torch.from_numpy(samples.features), directions)
+        sigma, colour = fast.decode(self.decoders, samples.features, directions)
         out: Float32Array = fast.composite_samples(
             samples.start, sigma.numpy(), samples.opacity, colour.numpy(), samples.t
         )

@@ -163,9 +163,7 @@ class _Loop:
         valid = ~disocclusion_mask(before.alpha, before.depth, self.rules)
         return local_fill(before.rgb, before.depth, valid, component, self.rules, scheme=self.config.fill)
 
-    def _local_target(
-        self, component: Component, fill: FillTarget, before: Rendering, camera: Camera
-    ) -> LocalTarget:
+    def _local_target(self, component: Component, fill: FillTarget, before: Rendering, camera: Camera) -> LocalTarget:
         """The hole with its fill and a thin ring around it as it was, in a crop of the view."""
         x0, y0, x1, y1 = component.bbox
         box = (

@@ -13,7 +13,8 @@ from orca.camera import Camera
 from orca.config import RenderConfig
 from orca.conventions import Float32Array
 from orca.field.decoders import Decoders
-from orca.render.reference import render_rays
+from orca.render.aggregation import PaddedHits
+from orca.render.reference import gather_hits, integrate, ray_tensors
 from orca.render.selector import select
 
 __all__ = ["LocalTarget", "optimise_new"]
@@ -71,13 +72,21 @@ def optimise_new(
     pixels = torch.from_numpy(
         np.stack([target.rays % target.camera.width + 0.5, target.rays // target.camera.width + 0.5], 1)
     ).float()
-    for _ in range(steps + 1):
-        trial = replace(movable, features=features, opacity_logits=opacity)
-        loss = _loss(GaussianAnchors.concatenate(constant, trial), decoders, target, pixels, hit_anchor, render)
-        if float(loss) < best_loss:
-            best, best_loss = (features.detach().clone(), opacity.detach().clone()), float(loss)
-        grads = torch.autograd.grad(loss, [features, opacity])
-        features.grad, opacity.grad = grads
+    # Only features and opacities move, so where each ray meets each anchor is found once.
+    neighbourhood = GaussianAnchors.concatenate(constant, movable)
+    with torch.no_grad():
+        fixed = gather_hits(neighbourhood, *ray_tensors(neighbourhood, target.camera, pixels), hit_anchor)
+    for step in range(steps + 1):
+        every_feature = torch.cat([constant.features, features])
+        every_opacity = torch.sigmoid(torch.cat([constant.opacity_logits, opacity]))
+        index = hit_anchor.clamp_min(0)
+        hits = replace(fixed, features=every_feature[index], opacity=every_opacity[index])
+        loss = _loss(hits, decoders, target, render)
+        if loss.item() < best_loss:
+            best, best_loss = (features.detach().clone(), opacity.detach().clone()), loss.item()
+        if step == steps:
+            break
+        features.grad, opacity.grad = torch.autograd.grad(loss, [features, opacity])
         optimiser.step()
         with torch.no_grad():
             opacity.clamp_(min=floor + 1e-4)
@@ -86,15 +95,9 @@ def optimise_new(
     return replace(new, features=out_features, opacity_logits=out_opacity)
 
 
-def _loss(
-    anchors: GaussianAnchors,
-    decoders: Decoders,
-    target: LocalTarget,
-    pixels: Tensor,
-    hit_anchor: Tensor,
-    render: RenderConfig,
-) -> Tensor:
-    rgb, alpha, _ = render_rays(anchors, decoders, target.camera, pixels, hit_anchor, render)
+def _loss(hits: PaddedHits, decoders: Decoders, target: LocalTarget, render: RenderConfig) -> Tensor:
+    """Colour and coverage inside the hole, appearance around it."""
+    rgb, alpha, _ = integrate(hits, decoders, None, render)
     image = rgb + (1 - alpha)[:, None] * render.background
     error = (image - torch.from_numpy(target.rgb)).abs().mean(1)
     inside = torch.from_numpy(target.inside)

@@ -22,7 +22,7 @@ from orca.config import DeformConfig
 from orca.conventions import Float32Array, Float64Array
 from orca.errors import BadInput
 
-__all__ = ["RelativeTarget", "deform", "metric_target", "sample_depth", "sharpen_depth"]
+__all__ = ["RelativeTarget", "deform", "metric_target", "near_depth_edge", "sample_depth", "sharpen_depth"]
 
 
 def deform(anchors: GaussianAnchors, depth: Float32Array, camera: Camera, config: DeformConfig) -> GaussianAnchors:
@@ -140,6 +140,19 @@ def sharpen_depth(depth: Float32Array, edge_ratio: float, radius: int = 3) -> Fl
     edge = (range_here > np.log(edge_ratio)) & (range_here > 0.75 * range_wide)
     snapped = np.where(log - low < high - log, low, high)
     return np.asarray(np.exp(np.where(edge, snapped, log)), np.float32)
+
+
+def near_depth_edge(
+    depth: Float32Array, pixels: Float64Array, reach: Float64Array, edge_ratio: float
+) -> NDArray[np.bool_]:
+    """Whether an anchor at a pixel [N, 2] comes within ``reach`` pixels [N] of a depth edge, [N]."""
+    log = np.log(depth)
+    kernel = np.ones((3, 3), np.uint8)
+    flat = (cv2.dilate(log, kernel) - cv2.erode(log, kernel) <= np.log(edge_ratio)).astype(np.uint8)
+    distance = cv2.distanceTransform(flat, cv2.DIST_L2, 3) if flat.any() else np.zeros(depth.shape)
+    column = np.clip(pixels[:, 0].astype(int), 0, depth.shape[1] - 1)
+    row = np.clip(pixels[:, 1].astype(int), 0, depth.shape[0] - 1)
+    return np.asarray((distance[row, column] <= reach) & bool((flat == 0).any()))
 
 
 def _log_depth_slopes(depth: Float64Array, pixels: Float64Array, camera: Camera, max_slope: float) -> Float64Array:

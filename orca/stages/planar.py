@@ -14,8 +14,9 @@ from orca.config import PlanarConfig
 from orca.conventions import Float64Array
 from orca.field.decoders import DENSITY_CHANNEL
 from orca.stages.canvas import Canvas
+from orca.stages.placement import quadtree
 
-__all__ = ["PLANE_DEPTH", "PlanarGrid", "planar_anchors", "planar_grid"]
+__all__ = ["PLANE_DEPTH", "PlanarGrid", "place", "planar_anchors", "regular_grid", "rest_positions"]
 
 PLANE_DEPTH = 1.0  # z-depth of the plane; any value does, since stage 2 moves every anchor along its own ray
 
@@ -35,7 +36,26 @@ class PlanarGrid:
     in_original: np.ndarray[tuple[int], np.dtype[np.bool_]]
 
 
-def planar_grid(canvas: Canvas, config: PlanarConfig) -> PlanarGrid:
+def place(canvas: Canvas, config: PlanarConfig) -> PlanarGrid:
+    """Anchor positions by the configured rule."""
+    return regular_grid(canvas, config) if config.placement.kind == "grid" else by_need(canvas, config)
+
+
+def by_need(canvas: Canvas, config: PlanarConfig) -> PlanarGrid:
+    """Anchors where image and depth need them, `anchors_per_pixel` times the original's pixels in all."""
+    rows, columns = canvas.original
+    importance = np.full(canvas.depth.shape, config.placement.margin_importance, np.float32)
+    importance[rows, columns] = 1.0
+    budget = round(config.anchors_per_pixel * importance[rows, columns].size)
+    cells = quadtree(canvas.image, canvas.depth, importance, budget, config.placement)
+    left, top, right, bottom = canvas.margins
+    height, width = canvas.depth.shape
+    low, high = np.array([left, top]), np.array([width - right, height - bottom])
+    inside = ((cells.centres >= low) & (cells.centres < high)).all(1)
+    return PlanarGrid(cells.centres, cells.sizes, inside)
+
+
+def regular_grid(canvas: Canvas, config: PlanarConfig) -> PlanarGrid:
     """A regular grid inside the original and a coarser one, aligned with it, in the outpainted margin."""
     left, top, right, bottom = canvas.margins
     height, width = canvas.image.shape[:2]

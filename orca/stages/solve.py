@@ -7,9 +7,8 @@ steps.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numba
 import numpy as np
@@ -24,6 +23,7 @@ from orca.render import fast
 from orca.render.hits import HitList
 from orca.render.renderer import Renderer
 from orca.stages.observations import Observation
+from orca.stages.sparse import SparseMatrix
 
 __all__ = ["LinearView", "linear_view", "solve_colours"]
 
@@ -33,24 +33,18 @@ class LinearView:
     """One observation as a linear system.
 
     Attributes:
-        weights: sparse w, samples x anchors (scipy CSR).
-        gather: sparse T alpha, rays x samples (scipy CSR).
+        weights: w, samples x anchors.
+        gather: T alpha, rays x samples.
         target: colours, [R, 3].
     """
 
-    weights: Any
-    gather: Any
+    weights: SparseMatrix
+    gather: SparseMatrix
     target: Float32Array
-
-    def logits(self, colours: Float32Array) -> Float32Array:
-        """Colour logits of the samples, [S, 3], of anchor logits [N, 3]."""
-        return np.asarray(self.weights @ colours, np.float32)
 
 
 def linear_view(renderer: Renderer, observation: Observation) -> LinearView:
     """Build the system of one observation from the hits of its rays."""
-    import scipy.sparse as sparse
-
     hits = _some_rays(renderer.hits(observation.camera), observation.rays)
     samples = fast.aggregate(hits, renderer.opacity, renderer.hidden, renderer.config)
     sigma, _ = renderer.decoders.density(torch.from_numpy(samples.features))
@@ -59,10 +53,8 @@ def linear_view(renderer: Renderer, observation: Observation) -> LinearView:
         samples.row, samples.members, hits.anchor, hits.m2, hits.t_hit, hits.precision, samples.t,
         renderer.config.decode == "layered",
     )  # fmt: skip
-    weights = sparse.csr_matrix((value, column, indptr), shape=(len(samples.t), len(renderer.means)))
-    gather = sparse.csr_matrix(
-        (share, np.arange(len(share)), samples.start), shape=(len(observation.rays), len(share))
-    )
+    weights = SparseMatrix.build(indptr, column, value, len(renderer.means))
+    gather = SparseMatrix.build(samples.start, np.arange(len(share), dtype=np.int32), share, len(share))
     return LinearView(weights, gather, observation.colour)
 
 
@@ -129,39 +121,37 @@ def _local_means(views: Sequence[LinearView], n: int, clip: float) -> Float32Arr
     total, weight = np.zeros((n, 3), np.float32), np.full((n, 1), 1e-6, np.float32)
     for view in views:
         logit = _logit(view.target, clip)
-        spread = (view.gather @ view.weights).T
-        total += spread @ logit
-        weight += np.asarray(spread.sum(1)).reshape(-1, 1)
+        total += view.weights.transposed_times(view.gather.transposed_times(logit))
+        weight += view.weights.transposed_times(view.gather.transposed_times(np.ones_like(logit[:, :1])))
     return total / weight
 
 
 def _gauss_newton(views: Sequence[LinearView], colours: Float32Array, planar: PlanarConfig) -> Float32Array:
     """One step: linearise the sigmoid, then conjugate gradients on the normal equations."""
     limit = np.float32(_logit(np.array([1.0], np.float32), planar.colour_clip)[0])
-    slopes, residuals = [], []
+    slopes = []
     gradient = np.zeros_like(colours)
     for view in views:
-        rgb = 1 / (1 + np.exp(-view.logits(colours)))
+        rgb = 1 / (1 + np.exp(-view.weights.times(colours)))
         slope = np.maximum(rgb * (1 - rgb), 1e-3).astype(np.float32)
-        residual = view.target - view.gather @ rgb
-        gradient += view.weights.T @ (slope * (view.gather.T @ residual))
+        residual = view.target - view.gather.times(rgb)
+        gradient += view.weights.transposed_times(slope * view.gather.transposed_times(residual))
         slopes.append(slope)
-        residuals.append(residual)
     # A little damping keeps anchors that no pixel determines where they are.
     damping = np.float32(1e-4)
 
     def normal(x: Float32Array) -> Float32Array:
         out = damping * x
         for view, slope in zip(views, slopes, strict=True):
-            inner = view.gather.T @ (view.gather @ (slope * (view.weights @ x)))
-            out += view.weights.T @ (slope * inner)
+            seen = view.gather.times(slope * view.weights.times(x))
+            out += view.weights.transposed_times(slope * view.gather.transposed_times(seen))
         return out
 
     step = _conjugate_gradients(normal, gradient, planar.cg_steps)
     return np.clip(colours + step, -2 * limit, 2 * limit)
 
 
-def _conjugate_gradients(normal: Any, b: Float32Array, steps: int) -> Float32Array:
+def _conjugate_gradients(normal: Callable[[Float32Array], Float32Array], b: Float32Array, steps: int) -> Float32Array:
     """Solve normal(x) = b for three colour channels at once, each with its own step lengths."""
     x, r = np.zeros_like(b), b.copy()
     p, energy = r.copy(), (r * r).sum(0)
