@@ -201,7 +201,7 @@ class RepairConfig:
 
     enabled: bool = True
     views: int = 12
-    rules: RepairRules = field(default_factory=RepairRules)
+    rules: RepairRules = field(default_factory=lambda: RepairRules(max_steps=6, max_iterations=150))
     fill: Literal["paper", "smooth"] = "smooth"
     inpainter: str = "none"
 
@@ -244,7 +244,7 @@ _PAPER = ReconstructConfig(
         use_direction=True,
     ),
     deform=DeformConfig(lifting="relative", sharpen_depth=False, follow_slope=False, max_iterations=20_000),
-    repair=RepairConfig(views=0, fill="paper"),
+    repair=RepairConfig(views=0, rules=RepairRules(), fill="paper"),
 )
 
 PRESETS: dict[str, ReconstructConfig] = {preset.name: preset for preset in (_DRAFT, _QUALITY, _PAPER)}

@@ -115,7 +115,7 @@ def reconstruct(
     run.timed("deform", started)
 
     started = time.perf_counter()
-    anchors, ledger = _stage_repair(lifted, decoders, trajectory, seed, run)
+    anchors, ledger = _stage_repair(lifted, decoders, camera, trajectory, seed, run)
     run.timed("repair", started)
 
     stages = torch.bincount(anchors.stage.long(), minlength=len(Stage)).tolist()
@@ -247,14 +247,19 @@ def _train(
 
 
 def _stage_repair(
-    anchors: GaussianAnchors, decoders: Decoders, trajectory: Sequence[Camera], seed: int, run: _Run
+    anchors: GaussianAnchors,
+    decoders: Decoders,
+    input_camera: Camera,
+    trajectory: Sequence[Camera],
+    seed: int,
+    run: _Run,
 ) -> tuple[GaussianAnchors, dict[str, Any]]:
     """Stage 3: disocclusion repair along the trajectory."""
     config = run.config
     if not config.repair.enabled:
         return anchors, {"schema_version": 1, "repairs": [], "stopped": "repair is off"}
     insert = InsertConfig(config.planar.kappa, config.planar.colour_clip)
-    result = repair(anchors, decoders.cpu(), trajectory, config.repair, config.render, insert, seed, run.progress)
+    result = repair(anchors, decoders.cpu(), trajectory, config.repair, config.render, insert, input_camera, seed, run.progress)
     run.record["repair_stopped"] = result.ledger.stopped
     return result.anchors, result.ledger.to_json()
 

@@ -14,6 +14,7 @@ from orca.camera import Camera
 from orca.conventions import Float32Array
 from orca.field.decoders import COLOUR_CHANNELS, DENSITY_CHANNEL, Decoders
 from orca.repair.donors import FillTarget
+from orca.repair.hide import InputSurface
 from orca.repair.rules import RepairRules
 
 __all__ = ["InsertConfig", "features_for_colours", "new_anchors"]
@@ -41,8 +42,11 @@ def new_anchors(
     decoders: Decoders,
     rules: RepairRules,
     config: InsertConfig,
+    surface: InputSurface | None = None,
 ) -> GaussianAnchors:
     """One anchor per target pixel, or per few pixels where there would be more than ``rules.max_anchors``.
+
+    With a ``surface``, anchors that the input camera would see are moved behind it; those that cannot be are left out.
 
     Args:
         target: pixels of the hole with colour and depth.
@@ -51,11 +55,15 @@ def new_anchors(
         decoders: the scene's decoders.
         rules: covariance multiplier, opacity, limit.
         config: extents and colour handling.
+        surface: what the input camera sees.
     """
     keep, spacing = _thin(target, rules.max_anchors)
-    y, x = target.y[keep], target.x[keep]
+    pixels = np.stack([target.x[keep] + 0.5, target.y[keep] + 0.5], 1)
     depth = target.depth[keep].astype(np.float64)
-    means = camera.unproject(np.stack([x + 0.5, y + 0.5], 1), depth)
+    if surface is not None:
+        depth, hidden = surface.push_behind(camera, pixels, depth)
+        keep, pixels, depth = keep[hidden], pixels[hidden], depth[hidden]
+    means = camera.unproject(pixels, depth)
     sigma = config.kappa * spacing * depth / camera.K[0, 0]
     log_variance = 2 * np.log(sigma) + math.log(rules.covariance_scale)
     n = len(means)

@@ -18,6 +18,7 @@ from orca.render.renderer import Renderer, Rendering
 from orca.repair.components import Component, connected_components
 from orca.repair.detect import disocclusion_mask
 from orca.repair.donors import FillTarget, local_fill
+from orca.repair.hide import InputSurface
 from orca.repair.insert import InsertConfig, new_anchors
 from orca.repair.ledger import Ledger, RepairRecord
 from orca.repair.optimise import LocalTarget, optimise_new
@@ -27,6 +28,7 @@ from orca.repair.views import WatchedViews, crop_camera
 __all__ = ["RepairResult", "repair"]
 
 _RAYS_OPTIMISED = 6000  # at most; a larger hole is optimised on a random part of its pixels
+_DONOR_ALPHA = 0.95
 _BOUNDARY = 3  # pixels around the hole whose appearance is kept
 
 
@@ -45,6 +47,7 @@ def repair(
     config: RepairConfig,
     render: RenderConfig,
     insert: InsertConfig,
+    input_camera: Camera,
     seed: int = 0,
     progress: Callable[[str, int, int], None] = lambda phase, done, total: None,
 ) -> RepairResult:
@@ -57,6 +60,7 @@ def repair(
         config: thresholds, views, fill scheme.
         render: how the scene is rendered.
         insert: extents of new anchors.
+        input_camera: the view that must stay as it is: nothing is inserted in front of what it sees.
         seed: of the choice of rays in large repairs.
         progress: called as progress(phase, done, total).
     """
@@ -64,7 +68,7 @@ def repair(
     cameras = [trajectory[i] for i in indices]
     first = cameras[0]
     rules = config.rules.scaled(first.width, first.height)
-    loop = _Loop(anchors, decoders, cameras, indices, rules, config, render, insert, seed, progress)
+    loop = _Loop(anchors, decoders, cameras, indices, rules, config, render, insert, input_camera, seed, progress)
     records, stopped = loop.run()
     ledger = Ledger(config.rules, rules, (first.width, first.height), tuple(records), stopped)
     return RepairResult(loop.anchors, ledger)
@@ -90,6 +94,7 @@ class _Loop:
         config: RepairConfig,
         render: RenderConfig,
         insert: InsertConfig,
+        input_camera: Camera,
         seed: int,
         progress: Callable[[str, int, int], None],
     ) -> None:
@@ -99,6 +104,8 @@ class _Loop:
         self.views = WatchedViews(
             cameras, Renderer(anchors, decoders, render), lambda done, total: progress("repair: views", done, total)
         )
+        seen = self.views.renderer.render(input_camera)
+        self.surface = InputSurface.of(input_camera, seen.depth)
         # Pixels of a component that was repaired once and stays open: looked at again, they would be tried for ever.
         self.given_up = [np.zeros((c.height, c.width), bool) for c in cameras]
         self.missing = [self._missing(i) for i in range(len(cameras))]
@@ -131,13 +138,15 @@ class _Loop:
         camera, before = self.views.cameras[view], self.views.rendered[view]
         whole = component.full_mask(camera.height, camera.width)
         fill = self._fill(before, component, view)
-        new = new_anchors(fill, camera, self.anchors, self.decoders, self.rules, self.insert_config)
+        new = new_anchors(fill, camera, self.anchors, self.decoders, self.rules, self.insert_config, self.surface)
         target = self._local_target(component, fill, before, camera)
         new = optimise_new(
             self.anchors, new, self.decoders, target, self.render, self.rules.max_steps, self.rules.min_opacity
         )
-        self.anchors = GaussianAnchors.concatenate(self.anchors, new)
-        touched = set(self.views.insert(new)) | {view}
+        touched = {view}
+        if len(new):
+            self.anchors = GaussianAnchors.concatenate(self.anchors, new)
+            touched |= set(self.views.insert(new))
         after = self.views.rendered[view]
         self.given_up[view] |= whole & disocclusion_mask(after.alpha, after.depth, self.rules)
         for i in touched:
@@ -160,7 +169,10 @@ class _Loop:
         )
 
     def _fill(self, before: Rendering, component: Component, view: int) -> FillTarget:
-        valid = ~disocclusion_mask(before.alpha, before.depth, self.rules)
+        # Half-covered pixels are mixed with the background colour: no donors.
+        valid = (before.alpha >= _DONOR_ALPHA) & (before.depth > 0)
+        if not valid.any():
+            valid = (before.alpha >= self.rules.alpha_threshold) & (before.depth > 0)
         return local_fill(before.rgb, before.depth, valid, component, self.rules, scheme=self.config.fill)
 
     def _local_target(self, component: Component, fill: FillTarget, before: Rendering, camera: Camera) -> LocalTarget:
