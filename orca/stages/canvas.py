@@ -81,8 +81,8 @@ def make_canvas(
     if outpainter is None:
         return Canvas(image, depth, camera, (0, 0, 0, 0))
     margins = needed_margins(camera, trajectory, depth, config.max_scale)
-    canvas = Canvas(
-        outpainter.outpaint(image, *margins), extend_depth(depth, *margins), camera.padded(*margins), margins
-    )
+    # Colour and depth are extended the same way; an outpainter of another kind goes with mirrored depth.
+    extended = extend_depth(depth, *margins, mode="edge" if outpainter.name == "edge" else "mirror")
+    canvas = Canvas(outpainter.outpaint(image, *margins), extended, camera.padded(*margins), margins)
     canvas.image[canvas.original] = image
     return canvas

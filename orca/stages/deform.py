@@ -122,7 +122,7 @@ def sample_depth(depth: Float32Array, pixels: Float64Array) -> Float64Array:
     # Across a depth edge a bilinear mean belongs to neither surface: take the nearest sample there.
     nearest = corners[weights.argmax(0), np.arange(len(x))]
     torn = corners.max(0) > 1.05 * corners.min(0)
-    return np.where(torn, nearest, blended)
+    return np.asarray(np.where(torn, nearest, blended))
 
 
 def sharpen_depth(depth: Float32Array, edge_ratio: float, radius: int = 3) -> Float32Array:
@@ -139,7 +139,7 @@ def sharpen_depth(depth: Float32Array, edge_ratio: float, radius: int = 3) -> Fl
     # On a slope the range doubles with the window; at an edge it stays.
     edge = (range_here > np.log(edge_ratio)) & (range_here > 0.75 * range_wide)
     snapped = np.where(log - low < high - log, low, high)
-    return np.asarray(np.exp(np.where(edge, snapped, log)), np.float32)
+    return np.asarray(np.where(edge, np.exp(snapped), depth), np.float32)
 
 
 def near_depth_edge(
@@ -157,26 +157,30 @@ def near_depth_edge(
 
 def _log_depth_slopes(depth: Float64Array, pixels: Float64Array, camera: Camera, max_slope: float) -> Float64Array:
     """d log z / d(tangent) at each anchor, [N, 2], in units of the normalised image plane; zero at depth edges."""
-    log = np.log(cv2.GaussianBlur(depth, (0, 0), 1.0))
-    # The smaller one-sided difference: at an edge it looks along the surface and not across the step.
-    slopes = []
-    for axis, focal in ((1, camera.K[0, 0]), (0, camera.K[1, 1])):
-        forward = np.diff(log, axis=axis, append=np.take(log, [-1], axis=axis))
-        backward = np.roll(forward, 1, axis=axis)
-        smaller = np.where(np.abs(forward) < np.abs(backward), forward, backward)
-        slopes.append(smaller * focal)
+    # Beyond the border the depth goes on as it came, so that a slope has the same slope there.
+    padded = np.pad(np.log(depth), 5, mode="reflect", reflect_type="odd")
+    log = np.asarray(cv2.GaussianBlur(padded, (0, 0), 1.0))[4:-4, 4:-4]
+    here = log[1:-1, 1:-1]
+    along_x = _smaller(here - log[1:-1, :-2], log[1:-1, 2:] - here) * camera.K[0, 0]
+    along_y = _smaller(here - log[:-2, 1:-1], log[2:, 1:-1] - here) * camera.K[1, 1]
     column = np.clip(pixels[:, 0].astype(int), 0, depth.shape[1] - 1)
     row = np.clip(pixels[:, 1].astype(int), 0, depth.shape[0] - 1)
-    slope = np.stack([s[row, column] for s in slopes], 1).astype(np.float64)
+    slope = np.stack([along_x[row, column], along_y[row, column]], 1)
     steep = np.linalg.norm(slope, axis=1, keepdims=True) > max_slope
     return np.where(steep, 0.0, slope)
 
 
-def _push_forward(anchors: GaussianAnchors, gamma: Tensor, slopes: Tensor) -> tuple[Tensor, Tensor]:
-    """Covariances under the map mu -> gamma(mu) mu, to first order: J = gamma (I + (mu / mu_z) grad^T).
+def _smaller(backward: Float64Array, forward: Float64Array) -> Float64Array:
+    """The smaller of two one-sided differences: at an edge it looks along the surface and not across the step."""
+    return np.where(np.abs(forward) < np.abs(backward), forward, backward)
 
-    ``grad`` is d log gamma over the plane; on the plane z is constant, so it has no z component. With zero slope this
-    adds 2 log gamma to each log-variance: a Gaussian twice as near is half as wide.
+
+def _push_forward(anchors: GaussianAnchors, gamma: Tensor, slopes: Tensor) -> tuple[Tensor, Tensor]:
+    """Covariances under the map mu -> gamma mu, to first order: J = gamma (I + (mu / mu_z) grad^T).
+
+    gamma is a function of the pixel, so its gradient is perpendicular to the ray and a Gaussian's extent along the ray
+    scales with gamma: det J = gamma^3, and a surface seen edge-on (a floor, a side wall) keeps its thickness. With
+    zero slope this adds 2 log gamma to each log-variance: a Gaussian twice as near is half as wide.
     """
     flat = slopes.abs().sum(1) == 0
     scaled = anchors.log_variances + 2 * torch.log(gamma).float()[:, None]
@@ -185,7 +189,8 @@ def _push_forward(anchors: GaussianAnchors, gamma: Tensor, slopes: Tensor) -> tu
     tilted = ~flat
     direction = anchors.means[tilted].double() / anchors.means[tilted, 2:3].double()
     J = torch.eye(3, dtype=torch.float64).repeat(len(direction), 1, 1)
-    J[:, :, :2] += direction[:, :, None] * slopes[tilted][:, None, :]
+    along_ray = -(slopes[tilted] * direction[:, :2]).sum(1, keepdim=True)
+    J += direction[:, :, None] * torch.cat([slopes[tilted], along_ray], 1)[:, None, :]
     J *= gamma[tilted][:, None, None]
     covariance = J @ anchors.covariances()[tilted].double() @ J.transpose(1, 2)
     variances, axes = torch.linalg.eigh(covariance)

@@ -20,6 +20,7 @@ from orca.conventions import Float32Array, Float64Array
 __all__ = ["Cells", "quadtree"]
 
 LEVELS = (8, 4, 2, 1)  # cell sizes in pixels
+_ROUNDING = 1e-10  # squared error that is rounding and not texture; one step of 8 bits is 1.5e-5
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,7 +83,8 @@ def _error(image: Float32Array, size: int) -> Float32Array:
     height, width = image.shape[:2]
     small = cv2.resize(image, (width // size, height // size), interpolation=cv2.INTER_AREA)
     smooth = cv2.resize(small, (width, height), interpolation=cv2.INTER_CUBIC)
-    return np.asarray(np.square(smooth - image).sum(2), np.float32)
+    error = np.square(smooth - image).sum(2)
+    return np.asarray(np.where(error > _ROUNDING, error, 0), np.float32)
 
 
 def _edge_error(image: Float32Array, depth: Float32Array, config: PlacementConfig) -> Float32Array:
@@ -98,7 +100,8 @@ def _edge_error(image: Float32Array, depth: Float32Array, config: PlacementConfi
 
 def _cell_sums(values: NDArray[np.floating], size: int) -> Float64Array:
     height, width = values.shape
-    return values.reshape(height // size, size, width // size, size).sum((1, 3), dtype=np.float64)
+    blocks = values.reshape(height // size, size, width // size, size)
+    return np.asarray(blocks.sum((1, 3), dtype=np.float64))
 
 
 def _threshold(merits: Sequence[Float64Array], roots: int, budget: int) -> float:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import Tensor
 
 from orca.anchors import FEATURE_DIM, GaussianAnchors, Stage
@@ -33,7 +34,7 @@ class PlanarGrid:
 
     pixels: Float64Array
     spacing: Float64Array
-    in_original: np.ndarray[tuple[int], np.dtype[np.bool_]]
+    in_original: NDArray[np.bool_]
 
 
 def place(canvas: Canvas, config: PlanarConfig) -> PlanarGrid:
@@ -52,7 +53,7 @@ def by_need(canvas: Canvas, config: PlanarConfig) -> PlanarGrid:
     height, width = canvas.depth.shape
     low, high = np.array([left, top]), np.array([width - right, height - bottom])
     inside = ((cells.centres >= low) & (cells.centres < high)).all(1)
-    return PlanarGrid(cells.centres, cells.sizes, inside)
+    return PlanarGrid(cells.centres, cells.sizes, np.asarray(inside))
 
 
 def regular_grid(canvas: Canvas, config: PlanarConfig) -> PlanarGrid:
@@ -62,17 +63,15 @@ def regular_grid(canvas: Canvas, config: PlanarConfig) -> PlanarGrid:
     inner_w, inner_h = width - left - right, height - top - bottom
     spacing = 1 / math.sqrt(config.anchors_per_pixel)
     nx, ny = max(2, round(inner_w / spacing)), max(2, round(inner_h / spacing))
-    inner = _cells(nx, ny, inner_w / nx, inner_h / ny) + [left, top]
+    inner = _cells(nx, ny, inner_w / nx, inner_h / ny) + np.array([left, top])
     coarse = spacing * config.margin_spacing
     # The coarse grid continues beyond the original on each side by whole cells, so that no anchor lies inside it.
-    ox, oy = math.ceil(left / coarse), math.ceil(top / coarse)
     mx, my = max(1, round(inner_w / coarse)), max(1, round(inner_h / coarse))
     cw, ch = inner_w / mx, inner_h / my
-    columns, rows = ox + mx + math.ceil(right / coarse), oy + my + math.ceil(bottom / coarse)
-    outer = _cells(columns, rows, cw, ch) + [left - ox * cw, top - oy * ch]
-    inside = ((outer > [left, top]) & (outer < [width - right, height - bottom])).all(1)
-    on_canvas = ((outer > [-cw, -ch]) & (outer < [width + cw, height + ch])).all(1)
-    outer = outer[~inside & on_canvas]
+    ox, oy = math.ceil(left / cw), math.ceil(top / ch)
+    columns, rows = ox + mx + math.ceil(right / cw), oy + my + math.ceil(bottom / ch)
+    outer = _cells(columns, rows, cw, ch) + np.array([left - ox * cw, top - oy * ch])
+    outer = outer[~((outer > [left, top]) & (outer < [width - right, height - bottom])).all(1)]
     return PlanarGrid(
         np.concatenate([inner, outer]),
         np.concatenate([np.full(len(inner), max(inner_w / nx, inner_h / ny)), np.full(len(outer), max(cw, ch))]),

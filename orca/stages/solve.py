@@ -8,7 +8,7 @@ steps.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numba
 import numpy as np
@@ -49,10 +49,10 @@ def linear_view(renderer: Renderer, observation: Observation) -> LinearView:
     samples = fast.aggregate(hits, renderer.opacity, renderer.hidden, renderer.config)
     sigma, _ = renderer.decoders.density(torch.from_numpy(samples.features))
     share = fast.sample_alphas(samples.start, sigma.detach().numpy(), samples.opacity)
+    first, members = _members(hits, samples, renderer)
     indptr, column, value = _sample_weights(
-        samples.row, samples.members, hits.anchor, hits.m2, hits.t_hit, hits.precision, samples.t,
-        renderer.config.decode == "layered",
-    )  # fmt: skip
+        first, members, hits.anchor, hits.m2, hits.t_hit, hits.precision, samples.t, renderer.config.decode == "layered"
+    )
     weights = SparseMatrix.build(indptr, column, value, len(renderer.means))
     gather = SparseMatrix.build(samples.start, np.arange(len(share), dtype=np.int32), share, len(share))
     return LinearView(weights, gather, observation.colour)
@@ -62,6 +62,20 @@ def _some_rays(hits: HitList, rays: NDArray[np.int64]) -> HitList:
     return HitList(
         hits.start[rays], hits.count[rays], hits.anchor, hits.t_hit, hits.m2, hits.precision, 0, hits.culled_inside
     )
+
+
+def _members(hits: HitList, samples: fast.Sampling, renderer: Renderer) -> tuple[NDArray[np.int64], NDArray[np.int32]]:
+    """First hit row and number of hits that each sample aggregates over."""
+    config = renderer.config
+    if config.decode == "layered":
+        return samples.row, samples.members
+    if config.window < 0:  # each hit over the whole of its layer
+        layers = fast.aggregate(hits, renderer.opacity, renderer.hidden[:, :1], replace(config, decode="layered"))
+        return np.repeat(layers.row, layers.members), np.repeat(layers.members, layers.members)
+    begin = hits.start[samples.ray]
+    first = np.maximum(begin, samples.row - config.window)
+    end = np.minimum(begin + hits.count[samples.ray], samples.row + config.window + 1)
+    return first, (end - first).astype(np.int32)
 
 
 @numba.njit(cache=True)  # type: ignore[untyped-decorator]
@@ -132,8 +146,8 @@ def _gauss_newton(views: Sequence[LinearView], colours: Float32Array, planar: Pl
     slopes = []
     gradient = np.zeros_like(colours)
     for view in views:
-        rgb = 1 / (1 + np.exp(-view.weights.times(colours)))
-        slope = np.maximum(rgb * (1 - rgb), 1e-3).astype(np.float32)
+        rgb = _sigmoid(view.weights.times(colours))
+        slope = np.maximum(rgb * (1 - rgb), np.float32(1e-3))
         residual = view.target - view.gather.times(rgb)
         gradient += view.weights.transposed_times(slope * view.gather.transposed_times(residual))
         slopes.append(slope)
@@ -148,7 +162,7 @@ def _gauss_newton(views: Sequence[LinearView], colours: Float32Array, planar: Pl
         return out
 
     step = _conjugate_gradients(normal, gradient, planar.cg_steps)
-    return np.clip(colours + step, -2 * limit, 2 * limit)
+    return np.asarray(np.clip(colours + step, -2 * limit, 2 * limit), np.float32)
 
 
 def _conjugate_gradients(normal: Callable[[Float32Array], Float32Array], b: Float32Array, steps: int) -> Float32Array:
@@ -164,6 +178,10 @@ def _conjugate_gradients(normal: Callable[[Float32Array], Float32Array], b: Floa
         p = r + (new_energy / np.maximum(energy, 1e-30)) * p
         energy = new_energy
     return x
+
+
+def _sigmoid(logit: Float32Array) -> Float32Array:
+    return np.asarray(1 / (1 + np.exp(-logit)), np.float32)
 
 
 def _logit(colour: Float32Array, clip: float) -> Float32Array:

@@ -107,8 +107,9 @@ def train(
 ) -> TrainResult:
     """Fit anchors, encoding and decoders (in place) to the observations; loss: smooth-L1, beta 1, on RGB.
 
-    The anchors' features include the encoding's contribution, before and after. The device is that of the anchors. Hit lists are integers: they are found once, and again at every evaluation if
-    the geometry moves. The input view (first observation) is what early stopping watches.
+    The anchors' features include the encoding's contribution, before and after. The device is that of the anchors.
+    Hit lists are integers: they are found once, and again at every evaluation if the geometry moves. The input view
+    (first observation) is what early stopping watches.
     """
     model = _Trainable(anchors, encoding)
     optimiser = model.optimiser(decoders, plan, config)
