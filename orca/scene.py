@@ -91,7 +91,7 @@ class Scene:
             with safe_open(str(path), framework="pt") as file:
                 document = json.loads((file.metadata() or {})["orca_scene"])
                 tensors = {key: file.get_tensor(key) for key in file.keys()}  # noqa: SIM118 - not a mapping
-        except (OSError, SafetensorError, KeyError, json.JSONDecodeError) as error:
+        except (OSError, SafetensorError, KeyError, ValueError) as error:
             raise BadInput(
                 f"'{path}' is not a scene file ({type(error).__name__}: {error})",
                 "a scene.safetensors written by `python -m orca reconstruct`",
@@ -101,9 +101,10 @@ class Scene:
 
 
 def _assemble(document: dict[str, Any], tensors: dict[str, torch.Tensor], path: Path) -> Scene:
-    if document.get("schema_version") != SCHEMA_VERSION:
+    version = document.get("schema_version") if isinstance(document, dict) else None
+    if version != SCHEMA_VERSION:
         raise BadInput(
-            f"scene file '{path}' of schema version {document.get('schema_version')}",
+            f"scene file '{path}' of schema version {version}",
             f"version {SCHEMA_VERSION}",
             "reconstruct the scene again with this version",
         )
@@ -116,7 +117,9 @@ def _assemble(document: dict[str, Any], tensors: dict[str, torch.Tensor], path: 
         pose = np.asarray(camera["world_to_camera"])
         view = Camera(np.asarray(camera["K"]), pose, int(camera["width"]), int(camera["height"]))
         return Scene(anchors, decoders, RenderConfig(**document["render_config"]), view, document["provenance"])
-    except (KeyError, TypeError, RuntimeError) as error:
+    except BadInput:
+        raise
+    except (KeyError, TypeError, ValueError, RuntimeError) as error:
         raise BadInput(
             f"scene file '{path}' with a missing or broken part ({error})",
             "a scene.safetensors written by `python -m orca reconstruct`",

@@ -8,6 +8,7 @@ import torch
 from torch import Tensor, nn
 
 from orca.anchors import FEATURE_DIM
+from orca.errors import BadInput
 
 __all__ = [
     "COLOUR_CHANNELS",
@@ -25,18 +26,19 @@ SH_DIM = 16
 LOG_DENSITY_MAX = 15.0
 COLOUR_CHANNELS = 3  # feature channels 0..2 carry colour logits after the analytic initialisation
 DENSITY_CHANNEL = 3  # ... and channel 3 carries the constant that the density is made from
+_LOWEST_DENSITY = math.exp(-1.0)  # sigma = exp(relu(..) - 1)
 
 
 class _TruncatedExp(torch.autograd.Function):
     """exp whose gradient is clamped, so that one overconfident sample cannot blow up a step."""
 
     @staticmethod
-    def forward(ctx: torch.autograd.function.FunctionCtx, x: Tensor) -> Tensor:  # type: ignore[override]
+    def forward(ctx: torch.autograd.function.FunctionCtx, x: Tensor) -> Tensor:
         ctx.save_for_backward(x)
         return torch.exp(x.clamp(max=LOG_DENSITY_MAX))
 
     @staticmethod
-    def backward(ctx: torch.autograd.function.FunctionCtx, grad: Tensor) -> Tensor:  # type: ignore[override]
+    def backward(ctx: torch.autograd.function.FunctionCtx, grad: Tensor) -> Tensor:
         (x,) = ctx.saved_tensors  # type: ignore[attr-defined]
         return grad * torch.exp(x.clamp(-LOG_DENSITY_MAX, LOG_DENSITY_MAX))
 
@@ -98,7 +100,7 @@ class Decoders(nn.Module):
         before the aggregation (METHOD.md 5.3).
         """
         out = self.density_out(torch.relu(hidden))
-        return _TruncatedExp.apply(out[:, 0] - 1.0), out[:, 1:]  # type: ignore[no-untyped-call]
+        return _TruncatedExp.apply(out[:, 0] - 1.0), out[:, 1:]
 
     def colour(self, geo: Tensor, directions: Tensor | None) -> Tensor:
         """RGB in [0, 1], [S, 3], from geometry codes [S, 15] and unit view directions [S, 3] (if used)."""
@@ -114,7 +116,14 @@ class Decoders(nn.Module):
 
 
 def density_feature(density: float, reference: float) -> float:
-    """Value of the density channel that decodes to ``density`` where 1 decodes to ``reference`` (analytic decoders)."""
+    """Value of the density channel that decodes to ``density`` where 1 decodes to ``reference`` (analytic decoders).
+
+    Raises `BadInput` for densities of 1/e or less: the channel passes a ReLU, so nothing decodes to less.
+    """
+    if min(density, reference) <= _LOWEST_DENSITY:
+        raise BadInput(
+            f"densities {density:g} and {reference:g}", f"more than 1/e = {_LOWEST_DENSITY:.3f}", "raise the density"
+        )
     return (1.0 + math.log(density)) / (1.0 + math.log(reference))
 
 

@@ -7,6 +7,7 @@ from torch import Tensor, nn
 
 from orca.anchors import FEATURE_DIM
 from orca.config import HashConfig
+from orca.errors import BadInput
 
 __all__ = ["HashEncoding"]
 
@@ -23,6 +24,8 @@ class HashEncoding(nn.Module):
         rest: rest positions in [0, 1]^2, [N, 2]; the canonical image coordinates of the canvas.
         config: levels, sizes and resolutions.
         generator: source of the initial table, uniform within +-``config.initial``.
+
+    Raises `BadInput` if the levels do not share 32 channels evenly.
     """
 
     rows: Tensor
@@ -30,6 +33,12 @@ class HashEncoding(nn.Module):
 
     def __init__(self, rest: Tensor, config: HashConfig, generator: torch.Generator) -> None:
         super().__init__()
+        if config.levels < 2 or FEATURE_DIM % config.levels:
+            raise BadInput(
+                f"a hash encoding of {config.levels} levels",
+                f"a divisor of {FEATURE_DIM}, at least 2",
+                "change `levels`",
+            )
         growth = (config.finest_resolution / config.coarsest_resolution) ** (1 / (config.levels - 1))
         rows, weights, offset = [], [], 0
         for level in range(config.levels):

@@ -9,6 +9,9 @@ v = A M p~_i, V = A M[:, :2], E = V^T V, h = V^T v, a0 = v.v and Gamma = a0 E - 
 
 and m2 <= chi2 is the ellipse dp^T (t0^2 Gamma - chi2 E) dp - 2 chi2 h.dp - chi2 a0 <= 0. This re-centred form keeps
 float32 results exact to 1e-6; the textbook c - b^2/a does not.
+
+An ellipsoid that reaches the plane at depth ``near`` has no ellipse that says it all (past the camera's own plane the
+outline is a hyperbola); it is rare, and tested pixel by pixel.
 """
 
 from __future__ import annotations
@@ -19,10 +22,10 @@ from numpy.typing import NDArray
 
 from orca.conventions import Float32Array, Float64Array
 
-__all__ = ["NUM_CONIC", "project_anchors", "scanline"]
+__all__ = ["NUM_CONIC", "closest_approach", "is_hit", "project_anchors", "scanline"]
 
-# Columns of the conic table: projection (2), t0, a0, h (2), E (3), Gamma (3), all float64.
-NUM_CONIC = 12
+# Columns of the conic table: projection (2), t0, a0, h (2), E (3), Gamma (3), 1 if it reaches `near`; all float64.
+NUM_CONIC = 13
 
 
 @numba.njit(parallel=True, cache=True)  # type: ignore[untyped-decorator]
@@ -47,7 +50,7 @@ def project_anchors(
         cx = pose[0, 0] * mx + pose[0, 1] * my + pose[0, 2] * mz + pose[0, 3]
         cy = pose[1, 0] * mx + pose[1, 1] * my + pose[1, 2] * mz + pose[1, 3]
         t0 = pose[2, 0] * mx + pose[2, 1] * my + pose[2, 2] * mz + pose[2, 3]
-        if t0 <= near:
+        if not t0 > near:  # written so that a NaN is left out too
             continue
         px = (K[0, 0] * cx + K[0, 1] * cy + K[0, 2] * t0) / t0
         py = (K[1, 1] * cy + K[1, 2] * t0) / t0
@@ -65,18 +68,24 @@ def project_anchors(
             e01 += v0 * v1
             e11 += v1 * v1
         g00, g01, g11 = a0 * e00 - h0 * h0, a0 * e01 - h0 * h1, a0 * e11 - h1 * h1
-        row = (px, py, t0, a0, h0, h1, e00, e01, e11, g00, g01, g11)
+        row = (px, py, t0, a0, h0, h1, e00, e01, e11, g00, g01, g11, 0.0)
         for c in range(NUM_CONIC):
             conic[i, c] = row[c]
+        if not t0 * t0 * a0 > chi2:
+            inside[i] = 1
+            continue
+        # The ellipsoid's nearest depth is t0 - sqrt(chi2 var_z), with var_z = a0 det E / det Gamma.
+        reaches_near = (t0 - near) ** 2 * (g00 * g11 - g01 * g01) <= chi2 * a0 * (e00 * e11 - e01 * e01)
         b00, b01, b11 = t0 * t0 * g00 - chi2 * e00, t0 * t0 * g01 - chi2 * e01, t0 * t0 * g11 - chi2 * e11
         det = b00 * b11 - b01 * b01
-        if b00 <= 0.0 or det <= 0.0 or t0 * t0 * a0 <= chi2:
-            inside[i] = 1
+        if reaches_near or not (b00 > 0.0 and det > 0.0):
+            conic[i, NUM_CONIC - 1] = 1.0
+            box[i, 2], box[i, 3] = width, height
             continue
         ox = chi2 * (b11 * h0 - b01 * h1) / det
         oy = chi2 * (b00 * h1 - b01 * h0) / det
         reach = chi2 * (a0 + h0 * ox + h1 * oy)
-        if reach <= 0.0:
+        if not reach > 0.0:
             continue
         rx, ry = np.sqrt(reach * b11 / det), np.sqrt(reach * b00 / det)
         # Pixel x covers the centre x + 0.5; clamp in float, since a grazing ellipse may be wider than any int32.
@@ -88,8 +97,29 @@ def project_anchors(
 
 
 @numba.njit(cache=True, inline="always")  # type: ignore[untyped-decorator]
+def closest_approach(q: Float64Array, x: int, y: int) -> tuple[float, float, float]:
+    """t*, m2 and a of the ray of pixel (x, y)."""
+    dx, dy = x + 0.5 - q[0], y + 0.5 - q[1]
+    hd = q[4] * dx + q[5] * dy
+    a = q[3] + 2.0 * hd + q[6] * dx * dx + 2.0 * q[7] * dx * dy + q[8] * dy * dy
+    quad = q[9] * dx * dx + 2.0 * q[10] * dx * dy + q[11] * dy * dy
+    return q[2] * (q[3] + hd) / a, max(0.0, q[2] * q[2] * quad / a), a
+
+
+@numba.njit(cache=True, inline="always")  # type: ignore[untyped-decorator]
+def is_hit(q: Float64Array, x: int, y: int, chi2: float, near: float) -> bool:
+    """Whether pixel (x, y) of the footprint is a hit: true by construction unless the ellipsoid reaches ``near``."""
+    if q[12] == 0.0:
+        return True
+    t, m2, _ = closest_approach(q, x, y)
+    return bool(m2 <= chi2 and t > near)
+
+
+@numba.njit(cache=True, inline="always")  # type: ignore[untyped-decorator]
 def scanline(q: Float64Array, chi2: float, y: int, x0: int, x1: int) -> tuple[int, int]:
     """First and past-the-end pixel of the footprint on row ``y``, within [x0, x1)."""
+    if q[12] > 0.0:  # reaches `near`: no ellipse to go by
+        return x0, x1
     dy = y + 0.5 - q[1]
     tt = q[2] * q[2]
     a = tt * q[9] - chi2 * q[6]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from copy import copy
+from copy import copy, deepcopy
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -56,12 +56,14 @@ class Renderer:
 
     def __init__(self, anchors: GaussianAnchors, decoders: Decoders, config: RenderConfig, device: str = "cpu") -> None:
         self.config, self.device = config, device
-        self.anchors, self.decoders = anchors.detached().to(device), decoders.to(device)
+        # `Module.to` moves in place: a copy, or the scene's own decoders would leave the CPU with the renderer's.
+        self.decoders = decoders if device == "cpu" else deepcopy(decoders).to(device)
+        self.anchors = anchors.detached().to(device)
         with torch.inference_mode():
             self.means = np.ascontiguousarray(anchors.means.detach().cpu().numpy())
             self.whitening = np.ascontiguousarray(anchors.whitening().detach().cpu().numpy())
             self.opacity = torch.sigmoid(anchors.opacity_logits.detach()).cpu().numpy()
-            self.hidden = decoders.density_in(self.anchors.features).cpu().numpy()
+            self.hidden = self.decoders.density_in(self.anchors.features).cpu().numpy()
 
     def extended(self, new: GaussianAnchors) -> Renderer:
         """A renderer of the same anchors followed by ``new``; only the new ones are prepared."""

@@ -16,7 +16,7 @@ from orca.anchors import GaussianAnchors
 from orca.camera import Camera
 from orca.config import RenderConfig
 from orca.conventions import Float32Array, Float64Array
-from orca.render.conics import project_anchors, scanline
+from orca.render.conics import closest_approach, is_hit, project_anchors, scanline
 from orca.render.hits import HitList
 
 __all__ = ["ray_anchor_closest_approach", "select", "select_brute_force"]
@@ -107,10 +107,12 @@ def _intersect(
     for band in numba.prange(bands):
         for k in range(offset[band], offset[band + 1]):
             i = member[k]
+            q = conic[i]
             for y in range(max(box[i, 1], band * _BAND_ROWS), min(box[i, 3], (band + 1) * _BAND_ROWS)):
-                first, last = scanline(conic[i], chi2, y, box[i, 0], box[i, 2])
+                first, last = scanline(q, chi2, y, box[i, 0], box[i, 2])
                 for x in range(first, last):
-                    count[y * width + x] += 1
+                    if is_hit(q, x, y, chi2, near):
+                        count[y * width + x] += 1
     start = np.zeros(width * height, np.int64)
     total = np.int64(0)
     for r in range(width * height):
@@ -126,18 +128,12 @@ def _intersect(
             q = conic[i]
             for y in range(max(box[i, 1], band * _BAND_ROWS), min(box[i, 3], (band + 1) * _BAND_ROWS)):
                 first, last = scanline(q, chi2, y, box[i, 0], box[i, 2])
-                dy = y + 0.5 - q[1]
                 for x in range(first, last):
-                    dx = x + 0.5 - q[0]
-                    hd = q[4] * dx + q[5] * dy
-                    a = q[3] + 2.0 * hd + q[6] * dx * dx + 2.0 * q[7] * dx * dy + q[8] * dy * dy
-                    row = cursor[y * width + x - low]
-                    cursor[y * width + x - low] = row + 1
-                    anchor[row] = i
-                    t_hit[row] = q[2] * (q[3] + hd) / a
-                    quad = q[9] * dx * dx + 2.0 * q[10] * dx * dy + q[11] * dy * dy
-                    m2[row] = max(0.0, q[2] * q[2] * quad / a)
-                    precision[row] = a
+                    if is_hit(q, x, y, chi2, near):
+                        row = cursor[y * width + x - low]
+                        cursor[y * width + x - low] = row + 1
+                        anchor[row] = i
+                        t_hit[row], m2[row], precision[row] = closest_approach(q, x, y)
     return start, count, anchor, t_hit, m2, precision
 
 
@@ -179,10 +175,10 @@ def select_brute_force(anchors: GaussianAnchors, camera: Camera, config: RenderC
     hit = (m2 <= config.chi2) & (t > config.near) & (outside & (centre_depth > config.near))[None]
     rays, who = hit.nonzero(as_tuple=True)
     order = np.lexsort((who.numpy(), t[hit].float().numpy(), rays.numpy()))
-    ray, kept = rays.numpy()[order], np.bincount(rays.numpy(), minlength=len(directions))
+    kept = np.bincount(rays.numpy(), minlength=len(directions))
     start = np.concatenate([[0], np.cumsum(kept)[:-1]]).astype(np.int64)
     capped = np.minimum(kept, config.max_hits).astype(np.int32)
-    columns = [x[hit].float().numpy()[order] for x in (t, m2, a)]
-    del ray
+    t_hit, m2_hit, a_hit = (x[hit].float().numpy()[order] for x in (t, m2, a))
     inside = int((~outside & (centre_depth > config.near)).sum())
-    return HitList(start, capped, who.numpy()[order].astype(np.int32), *columns, int((kept - capped).sum()), inside)
+    anchor = who.numpy()[order].astype(np.int32)
+    return HitList(start, capped, anchor, t_hit, m2_hit, a_hit, int((kept - capped).sum()), inside)
