@@ -39,7 +39,7 @@ def project_anchors(
     chi2: float,
     near: float,
 ) -> tuple[Float64Array, NDArray[np.int32], NDArray[np.uint8]]:
-    """Conic table [N, 12], pixel boxes [N, 4] (x0, y0, x1, y1; empty when x1 <= x0), and 1 where the camera is inside."""
+    """Conic table [N, 13], pixel boxes [N, 4] (x0, y0, x1, y1; empty when x1 <= x0); 1 where the camera is inside."""
     n = means.shape[0]
     conic = np.empty((n, NUM_CONIC))
     box = np.zeros((n, 4), np.int32)

@@ -118,7 +118,7 @@ def _aggregate_layers(
     gaps: tuple[float, float],
     sample_start: NDArray[np.int64],
 ) -> tuple[Float32Array, Float32Array, Float32Array, NDArray[np.int64], NDArray[np.int32]]:
-    """Per layer: w_j = softmax(-m2_j / 2), t = sum w t_j, a^ = sum w exp(-m2_j / 2) sigmoid(omega_j), f^ = sum w f_j."""
+    """Per layer: w_j = softmax(-m2_j / 2), t = sum w t_j, a^ = sum w exp(-m2_j / 2) sigmoid(omega_j), f^ = sum w f."""
     total, width = sample_start[-1], carried.shape[1]
     t_out, a_out = np.empty(total, np.float32), np.empty(total, np.float32)
     f_out = np.empty((total, width), np.float32)

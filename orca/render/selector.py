@@ -30,7 +30,7 @@ def ray_anchor_closest_approach(
     means: Tensor,  # [..., 3]
     whitening: Tensor,  # [..., 3, 3]
 ) -> tuple[Tensor, Tensor, Tensor]:
-    """t* [...], m2 [...] and a = |A d|^2 [...] of rays against anchors: the RIS formulas as they stand in METHOD.md 1."""
+    """t* [...], m2 [...] and a = |A d|^2 [...] of rays against anchors: the RIS formulas of METHOD.md 1."""
     o = (whitening @ (origin - means)[..., None])[..., 0]
     d = (whitening @ directions[..., None])[..., 0]
     a = (d * d).sum(-1)
