@@ -52,7 +52,9 @@ def by_need(canvas: Canvas, config: PlanarConfig) -> PlanarGrid:
     left, top, right, bottom = canvas.margins
     height, width = canvas.depth.shape
     low, high = np.array([left, top]), np.array([width - right, height - bottom])
-    inside = ((cells.centres >= low) & (cells.centres < high)).all(1)
+    # The last cells of a side that 8 does not divide may have their centres beyond the canvas.
+    centres = np.minimum(cells.centres, np.array([width, height]) - 0.5)
+    inside = ((centres >= low) & (centres < high)).all(1)
     return PlanarGrid(cells.centres, cells.sizes, np.asarray(inside))
 
 

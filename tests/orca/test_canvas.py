@@ -1,4 +1,4 @@
-"""The canvas of stage 1: the original stays, its camera projects as before, and it is as large as the trajectory needs."""
+"""The canvas of stage 1: the original stays, its camera projects as before, its size follows the trajectory."""
 
 from __future__ import annotations
 
