@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -24,7 +24,7 @@ from orca.repair.insert import InsertConfig
 from orca.repair.loop import repair
 from orca.scene import Scene
 from orca.stages.canvas import Canvas, make_canvas
-from orca.stages.deform import deform, near_depth_edge
+from orca.stages.deform import deform, near_depth_edge, sample_depth
 from orca.stages.observations import Observation, observations
 from orca.stages.planar import PlanarGrid, place, planar_anchors, rest_positions
 from orca.stages.solve import solve_colours
@@ -191,6 +191,7 @@ def _stage_deform(
     lifted = deform(anchors, canvas.depth, canvas.camera, config.deform)
     if config.planar.initialisation == "closed_form":
         lifted = _soften_edges(lifted, grid, canvas, config)
+    lifted = _place(lifted, canvas, run)
     _note_psnr(run, "deformed", lifted, decoders, observed[0])
     if config.planar.initialisation == "closed_form":
         lifted = solve_colours(lifted, decoders, observed, config.planar, config.render)
@@ -199,6 +200,23 @@ def _stage_deform(
     _note_psnr(run, "fine_tuned", lifted, decoders, observed[0])
     run.progress("depth deformation", 1, 1)
     return lifted
+
+
+def _place(anchors: GaussianAnchors, canvas: Canvas, run: _Run) -> GaussianAnchors:
+    """Bring the scene to the trajectory's scale: the median ratio of its depth to the provider's becomes one.
+
+    Metric lifting has that ratio everywhere. Relative lifting bends planes, so the ratio varies: its spread (84th
+    over 16th percentile) is recorded as the mismatch.
+    """
+    inner = anchors.stage == int(Stage.ORIGINAL)
+    means = anchors.means[inner].double().numpy()
+    pixels, z = canvas.camera.project(means)
+    ratio = z / sample_depth(canvas.depth, pixels)
+    low, scale, high = (float(q) for q in np.quantile(ratio, [0.16, 0.5, 0.84]))
+    run.record["placement"] = {"scale": 1 / scale, "spread": high / low}
+    if run.config.deform.lifting == "metric":
+        return anchors
+    return replace(anchors, means=anchors.means / scale, log_variances=anchors.log_variances - 2 * float(np.log(scale)))
 
 
 def _soften_edges(
@@ -259,7 +277,9 @@ def _stage_repair(
     if not config.repair.enabled:
         return anchors, {"schema_version": 1, "repairs": [], "stopped": "repair is off"}
     insert = InsertConfig(config.planar.kappa, config.planar.colour_clip)
-    result = repair(anchors, decoders.cpu(), trajectory, config.repair, config.render, insert, input_camera, seed, run.progress)
+    result = repair(
+        anchors, decoders.cpu(), trajectory, config.repair, config.render, insert, input_camera, seed, run.progress
+    )
     run.record["repair_stopped"] = result.ledger.stopped
     return result.anchors, result.ledger.to_json()
 

@@ -48,6 +48,12 @@ class Scene:
         """How many anchors there are, of all stages."""
         return len(self.anchors)
 
+    @property
+    def num_bytes(self) -> int:
+        """Size of all tensors in bytes; the scene file adds a header of a few kB."""
+        tensors = [getattr(self.anchors, name) for name in _ANCHOR_FIELDS] + list(self.decoders.parameters())
+        return sum(t.numel() * t.element_size() for t in tensors)
+
     def renderer(self, device: str = "cpu") -> Renderer:
         """A renderer for many views of this scene."""
         return Renderer(self.anchors, self.decoders, self.render_config, device)

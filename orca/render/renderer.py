@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 
 from orca.anchors import GaussianAnchors
 from orca.camera import Camera
@@ -15,6 +16,7 @@ from orca.config import RenderConfig
 from orca.conventions import Float32Array
 from orca.field.decoders import Decoders
 from orca.render import fast
+from orca.render.conics import project_anchors
 from orca.render.hits import HitList
 from orca.render.reference import render_rays
 from orca.render.selector import select_whitened
@@ -65,14 +67,29 @@ class Renderer:
             self.opacity = torch.sigmoid(anchors.opacity_logits.detach()).cpu().numpy()
             self.hidden = self.decoders.density_in(self.anchors.features).cpu().numpy()
 
-    def extended(self, new: GaussianAnchors) -> Renderer:
-        """A renderer of the same anchors followed by ``new``; only the new ones are prepared."""
-        part = Renderer(new, self.decoders, self.config, self.device)
+    def extended(self, more: Renderer) -> Renderer:
+        """A renderer of these anchors followed by those of ``more`` (same decoders and configuration)."""
         whole = copy(self)
-        whole.anchors = GaussianAnchors.concatenate(self.anchors, part.anchors)
+        whole.anchors = GaussianAnchors.concatenate(self.anchors, more.anchors)
         for name in ("means", "whitening", "opacity", "hidden"):
-            setattr(whole, name, np.concatenate([getattr(self, name), getattr(part, name)]))
+            setattr(whole, name, np.concatenate([getattr(self, name), getattr(more, name)]))
         return whole
+
+    def part(self, keep: NDArray[np.bool_]) -> Renderer:
+        """A renderer of some of the anchors, in the same order: the same image wherever the others do not reach."""
+        some = copy(self)
+        some.anchors = self.anchors.subset(torch.from_numpy(np.flatnonzero(keep)))
+        for name in ("means", "whitening", "opacity", "hidden"):
+            setattr(some, name, getattr(self, name)[keep])
+        return some
+
+    def boxes(self, camera: Camera) -> NDArray[np.int32]:
+        """Pixel box (x0, y0, x1, y1) of each anchor's footprint in a view, [N, 4]; x1 <= x0 where there is none."""
+        size = (camera.width, camera.height)
+        limits = (self.config.chi2, self.config.near)
+        pose, rays = camera.world_to_camera, camera.pixel_to_ray()
+        out: NDArray[np.int32] = project_anchors(self.means, self.whitening, pose, camera.K, rays, size, *limits)[1]
+        return out
 
     def hits(self, camera: Camera) -> HitList:
         """Which anchors each pixel sees."""

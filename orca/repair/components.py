@@ -65,22 +65,53 @@ class Component:
         return full
 
 
-def connected_components(mask: BoolArray, min_area: int = 1) -> list[Component]:
+def connected_components(mask: BoolArray, min_area: int = 1, bridge: int = 0) -> list[Component]:
     """Split a mask [H, W] into its 8-connected components of at least ``min_area`` pixels.
+
+    Args:
+        mask: missing pixels.
+        min_area: smaller components are left out.
+        bridge: pieces up to this many pixels apart are one component: a silhouette tears into a dotted line, and each
+            dot alone would be too small to repair and too many to repair one by one. The pixels between stay out.
 
     Returns:
         Largest first; equal areas from top to bottom, then from left to right.
     """
+    labels, boxes, areas = _label(mask, bridge)
+    found: list[tuple[int, int, int, Component]] = []
+    for label in np.flatnonzero(areas >= min_area):
+        x0, y0, x1, y1 = (int(v) for v in boxes[label])
+        crop = labels[y0:y1, x0:x1] == label + 1
+        found.append((-int(areas[label]), y0, x0, Component(crop, (x0, y0, x1, y1))))
+    # Where area and box corner are equal too, the label, in scan order, decides: the sort is stable.
+    return [component for *_, component in sorted(found, key=lambda row: row[:3])]
+
+
+def drop_small(mask: BoolArray, min_area: int, bridge: int = 0) -> BoolArray:
+    """The mask [H, W] without the components that `connected_components` would leave out."""
+    labels, _, areas = _label(mask, bridge)
+    return np.asarray(np.concatenate([[False], areas >= min_area])[labels])
+
+
+def _label(mask: BoolArray, bridge: int) -> tuple[NDArray[np.int32], NDArray[np.int64], NDArray[np.int64]]:
+    """Label of each masked pixel from 1 (0: not masked) [H, W], boxes [n, 4] and areas [n] of the masked pixels."""
     if mask.ndim != 2 or mask.dtype != np.bool_ or mask.size == 0:
         raise BadInput(
             f"mask of shape {mask.shape} and type {mask.dtype}", "a bool mask [H, W]", "see disocclusion_mask"
         )
-    count, labels, stats, _ = cv2.connectedComponentsWithStats(mask.astype(np.uint8), connectivity=8)
-    found: list[tuple[int, int, int, Component]] = []
-    for label in range(1, count):
-        x0, y0, width, height, area = (int(v) for v in stats[label])
-        if area >= min_area:
-            crop = labels[y0 : y0 + height, x0 : x0 + width] == label
-            found.append((-area, y0, x0, Component(crop, (x0, y0, x0 + width, y0 + height))))
-    # Where area and box corner are equal too, the label, in scan order, decides: the sort is stable.
-    return [component for *_, component in sorted(found, key=lambda row: row[:3])]
+    joined = mask.astype(np.uint8)
+    if bridge > 0:
+        # Two pieces meet when each grows by half the gap.
+        side = 2 * ((bridge + 1) // 2) + 1
+        joined = cv2.dilate(joined, np.ones((side, side), np.uint8)).astype(np.uint8)
+    count, labels = cv2.connectedComponents(joined, connectivity=8)
+    labels = np.where(mask, labels, 0).astype(np.int32)
+    y, x = np.nonzero(mask)
+    which = labels[y, x] - 1
+    areas = np.bincount(which, minlength=count - 1).astype(np.int64)
+    boxes = np.empty((count - 1, 4), np.int64)
+    boxes[:, :2], boxes[:, 2:] = np.iinfo(np.int64).max, 0
+    for column, values in ((0, x), (1, y)):
+        np.minimum.at(boxes[:, column], which, values)
+        np.maximum.at(boxes[:, column + 2], which, values + 1)
+    return labels, boxes, areas

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
+import torch
 from numpy.typing import NDArray
 
 from orca.anchors import GaussianAnchors
@@ -15,7 +16,7 @@ from orca.camera import Camera
 from orca.config import RenderConfig, RepairConfig
 from orca.field.decoders import Decoders
 from orca.render.renderer import Renderer, Rendering
-from orca.repair.components import Component, connected_components
+from orca.repair.components import Component, connected_components, drop_small
 from orca.repair.detect import disocclusion_mask
 from orca.repair.donors import FillTarget, local_fill
 from orca.repair.hide import InputSurface
@@ -27,7 +28,7 @@ from orca.repair.views import WatchedViews, crop_camera
 
 __all__ = ["RepairResult", "repair"]
 
-_RAYS_OPTIMISED = 6000  # at most; a larger hole is optimised on a random part of its pixels
+_RAYS_OPTIMISED = 4000  # at most; a larger hole is optimised on a random part of its pixels
 _DONOR_ALPHA = 0.95
 _BOUNDARY = 3  # pixels around the hole whose appearance is kept
 
@@ -116,7 +117,7 @@ class _Loop:
         while len(records) < self.rules.max_iterations:
             self.progress("repair", len(records), self.rules.max_iterations)
             view = int(np.argmax([m.sum() for m in self.missing]))
-            components = connected_components(self.missing[view], self.rules.min_component_area)
+            components = connected_components(self.missing[view], self.rules.min_component_area, self.rules.bridge)
             if not components:
                 return records, "no disocclusion of the smallest area is left"
             component, decision = order(components, 0, self.rules)[0]
@@ -127,22 +128,16 @@ class _Loop:
         """Missing pixels of a view in components that are large enough, without those given up."""
         rendered = self.views.rendered[view]
         mask = disocclusion_mask(rendered.alpha, rendered.depth, self.rules) & ~self.given_up[view]
-        kept = np.zeros_like(mask)
-        for component in connected_components(mask, self.rules.min_component_area):
-            x0, y0, x1, y1 = component.bbox
-            kept[y0:y1, x0:x1] |= component.mask
-        return kept
+        return drop_small(mask, self.rules.min_component_area, self.rules.bridge)
 
     def _repair_one(self, iteration: int, view: int, component: Component, decision: Decision) -> RepairRecord:
         started = time.perf_counter()
         camera, before = self.views.cameras[view], self.views.rendered[view]
         whole = component.full_mask(camera.height, camera.width)
-        fill = self._fill(before, component, view)
+        coverage_before = float(before.alpha[whole].mean())
+        fill = self._fill(before, component)
         new = new_anchors(fill, camera, self.anchors, self.decoders, self.rules, self.insert_config, self.surface)
-        target = self._local_target(component, fill, before, camera)
-        new = optimise_new(
-            self.anchors, new, self.decoders, target, self.render, self.rules.max_steps, self.rules.min_opacity
-        )
+        new = self._optimised(new, component, fill, view)
         touched = {view}
         if len(new):
             self.anchors = GaussianAnchors.concatenate(self.anchors, new)
@@ -163,20 +158,21 @@ class _Loop:
             donors=fill.donors,
             scheme=fill.scheme,
             anchors_added=len(new),
-            coverage_before=float(before.alpha[whole].mean()),
+            coverage_before=coverage_before,
             coverage_after=float(after.alpha[whole].mean()),
             milliseconds=1e3 * (time.perf_counter() - started),
         )
 
-    def _fill(self, before: Rendering, component: Component, view: int) -> FillTarget:
+    def _fill(self, before: Rendering, component: Component) -> FillTarget:
         # Half-covered pixels are mixed with the background colour: no donors.
         valid = (before.alpha >= _DONOR_ALPHA) & (before.depth > 0)
         if not valid.any():
             valid = (before.alpha >= self.rules.alpha_threshold) & (before.depth > 0)
         return local_fill(before.rgb, before.depth, valid, component, self.rules, scheme=self.config.fill)
 
-    def _local_target(self, component: Component, fill: FillTarget, before: Rendering, camera: Camera) -> LocalTarget:
-        """The hole with its fill and a thin ring around it as it was, in a crop of the view."""
+    def _optimised(self, new: GaussianAnchors, component: Component, fill: FillTarget, view: int) -> GaussianAnchors:
+        """The new anchors fitted to the fill inside the hole and to the render as it was in a thin ring around it."""
+        camera, before = self.views.cameras[view], self.views.rendered[view]
         x0, y0, x1, y1 = component.bbox
         box = (
             max(0, x0 - _BOUNDARY),
@@ -189,8 +185,10 @@ class _Loop:
         wanted[fill.y - box[1], fill.x - box[0]] = fill.rgb
         inside[fill.y - box[1], fill.x - box[0]] = True
         kernel = np.ones((2 * _BOUNDARY + 1, 2 * _BOUNDARY + 1), np.uint8)
-        near = cv2.dilate(inside.astype(np.uint8), kernel).astype(bool)
-        rays = np.flatnonzero(near)
+        rays = np.flatnonzero(cv2.dilate(inside.astype(np.uint8), kernel))
         if len(rays) > _RAYS_OPTIMISED:
             rays = np.sort(self.generator.choice(rays, _RAYS_OPTIMISED, replace=False))
-        return LocalTarget(crop_camera(camera, box), rays, wanted.reshape(-1, 3)[rays], inside.ravel()[rays])
+        target = LocalTarget(crop_camera(camera, box), rays, wanted.reshape(-1, 3)[rays], inside.ravel()[rays])
+        near = self.anchors.subset(torch.from_numpy(np.flatnonzero(self.views.reaching(view, box))))
+        steps, opacity = self.rules.max_steps, self.rules.min_opacity
+        return optimise_new(near, new, self.decoders, target, self.render, steps, opacity)

@@ -56,12 +56,12 @@ def optimise_new(
     """
     if steps == 0 or len(new) == 0:
         return new
-    hits = select(GaussianAnchors.concatenate(existing, new), target.camera, render).padded(target.rays)
+    rows = select(GaussianAnchors.concatenate(existing, new), target.camera, render).padded(target.rays)
     # Only anchors that these rays hit take part: the rest of the scene costs nothing.
-    used = torch.from_numpy(np.unique(hits[hits >= 0]))
+    used = torch.from_numpy(np.unique(rows[rows >= 0]))
     lookup = torch.full((len(existing) + len(new) + 1,), -1, dtype=torch.long)
     lookup[used] = torch.arange(len(used))
-    hit_anchor = lookup[torch.from_numpy(hits)]  # -1 reads the last entry, which stays -1
+    hit_anchor = lookup[torch.from_numpy(rows)]  # -1 reads the last entry, which stays -1
     old_used, new_used = used[used < len(existing)], used[used >= len(existing)] - len(existing)
     constant, movable = existing.subset(old_used), new.subset(new_used)
     features = nn.Parameter(movable.features.clone())

@@ -23,6 +23,7 @@ class RepairRules:
     Attributes:
         alpha_threshold: O. A pixel with less accumulated alpha is missing.
         closing_radius: O. Radius in pixels of the closing that joins a sieve of missing pixels into one region.
+        bridge: O. Missing pieces up to this many pixels apart are one component.
         min_component_area: O. Components of fewer pixels are not worth a repair.
         generative_min_area: P. Generative completion needs at least this many pixels.
         generative_min_fill: P. ... and this share of the bounding box.
@@ -42,8 +43,9 @@ class RepairRules:
         max_iterations: O. Most repairs of a scene.
     """
 
-    alpha_threshold: float = 0.5
+    alpha_threshold: float = 0.8
     closing_radius: int = 1
+    bridge: int = 4
     min_component_area: int = 16
     generative_min_area: int = 9000
     generative_min_fill: float = 0.45
@@ -65,6 +67,7 @@ class RepairRules:
         bounds: dict[str, tuple[float, float]] = {
             "alpha_threshold": (0.0, 1.0),
             "closing_radius": (0, math.inf),
+            "bridge": (0, math.inf),
             "min_component_area": (1, math.inf),
             "generative_min_area": (1, math.inf),
             "generative_min_fill": (0.0, 1.0),
@@ -110,6 +113,7 @@ class RepairRules:
         smooth_inner = whole(self.smooth_ring_inner * side) if self.smooth_ring_inner else 0
         return replace(
             self,
+            bridge=whole(self.bridge * side) if self.bridge else 0,
             min_component_area=whole(self.min_component_area * area),
             generative_min_area=whole(self.generative_min_area * area),
             generative_min_side=whole(self.generative_min_side * side),

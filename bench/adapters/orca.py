@@ -1,0 +1,115 @@
+"""ORCA itself as a method of the bench: reconstructed live from the case's image and reference depth."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+
+from bench.adapters.adapter import MethodOutput, RunOptions
+from bench.datasets.case import SceneCase
+from orca.conventions import Float32Array, UInt8Array, to_float, to_uint8
+
+if TYPE_CHECKING:
+    from orca.pipeline import Reconstruction
+
+__all__ = ["ORCA", "ORCA_PAPER", "OrcaMethod"]
+
+CODE_VERSION = "1"  # raised whenever the same configuration would give other frames
+
+
+@dataclass(frozen=True)
+class OrcaMethod:
+    """ORCA with one of its two liftings (METHOD.md 3).
+
+    Attributes:
+        name: method name.
+        lifting: "metric" follows the depth it is given; "relative" is the paper's formula, placed on the trajectory
+            by the median ratio of its depth to the reference depth.
+    """
+
+    name: str
+    lifting: Literal["metric", "relative"]
+
+    def version(self, options: RunOptions) -> str:
+        """Code version, preset with every resolved constant, and seed."""
+        import hashlib
+        import json
+
+        from orca.config import get_preset
+
+        config = get_preset(options.preset).with_lifting(self.lifting).to_json()
+        digest = hashlib.sha256(json.dumps(config, sort_keys=True).encode()).hexdigest()[:12]
+        return f"orca {CODE_VERSION}, {options.preset} {digest}, {self.lifting} lifting, seed {options.seed}"
+
+    def run(self, case: SceneCase, options: RunOptions) -> MethodOutput:
+        """Reconstruct the scene, then render every evaluated camera."""
+        from orca.config import get_preset
+        from orca.pipeline import reconstruct
+        from orca.priors.depth import DepthEstimate
+
+        config = get_preset(options.preset).with_lifting(self.lifting)
+        novel = case.eval_trajectory.cameras()
+        truth = tuple(view.camera for view in case.true_views)
+        result = reconstruct(
+            to_float(case.image),
+            case.camera,
+            DepthEstimate(case.depth, case.depth_source, case.depth_is_metric),
+            # The last view is always watched, so a scene is repaired where it will be compared with the truth.
+            (*novel, *truth),
+            config,
+            seed=options.seed,
+            device=options.device,
+            progress=options.progress,
+        )
+        renderer = result.scene.renderer(options.device)
+        cameras = (*novel, case.camera, *truth)
+        started = time.perf_counter()
+        rendered = []
+        for done, camera in enumerate(cameras, start=1):
+            view = renderer.render(camera)
+            rendered.append((to_uint8(view.rgb), view.alpha))
+            options.progress("render", done, len(cameras))
+        seconds = time.perf_counter() - started
+        timing = {**result.record["seconds"], "render": seconds, "render_ms_per_frame": 1e3 * seconds / len(cameras)}
+        return self._output(rendered, len(novel), timing, self._model(result, options))
+
+    def _model(self, result: Reconstruction, options: RunOptions) -> dict[str, object]:
+        """Size and make of the scene; the scene file is kept where the run has a place for it."""
+        model: dict[str, object] = {key: value for key, value in result.record.items() if key != "seconds"}
+        model |= {
+            "preset": options.preset,
+            "lifting": self.lifting,
+            "anchors": result.scene.num_anchors,
+            "anchors_by_stage": result.record["anchors"],
+            "repairs": len(result.ledger["repairs"]),
+            "bytes": result.scene.num_bytes,
+        }
+        if options.work_dir is not None:
+            result.scene.save(options.work_dir / "scene.safetensors")
+        return model
+
+    def _output(
+        self,
+        rendered: Sequence[tuple[UInt8Array, Float32Array]],
+        novel: int,
+        timing: dict[str, float],
+        model: dict[str, object],
+    ) -> MethodOutput:
+        rgb, alpha = [r for r, _ in rendered], [a for _, a in rendered]
+        return MethodOutput(
+            frames=np.stack(rgb[:novel]),
+            coverage=np.stack(alpha[:novel]),
+            input_view=rgb[novel],
+            true_views=tuple(rgb[novel + 1 :]),
+            true_view_coverage=tuple(alpha[novel + 1 :]),
+            timing=timing,
+            model=model,
+        )
+
+
+ORCA = OrcaMethod("orca", "metric")
+ORCA_PAPER = OrcaMethod("orca-paper", "relative")
