@@ -44,7 +44,7 @@ class HashEncoding(nn.Module):
         for level in range(config.levels):
             resolution = round(config.coarsest_resolution * growth**level)
             size = min((resolution + 1) ** 2, 2**config.log2_table_size)
-            level_rows, level_weights = _corners(rest, resolution, size)
+            level_rows, level_weights = _corners(rest.detach(), resolution, size)
             rows.append(level_rows + offset)
             weights.append(level_weights)
             offset += size
