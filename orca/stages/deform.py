@@ -176,11 +176,12 @@ def _smaller(backward: Float64Array, forward: Float64Array) -> Float64Array:
 
 
 def _push_forward(anchors: GaussianAnchors, gamma: Tensor, slopes: Tensor) -> tuple[Tensor, Tensor]:
-    """Covariances under the map mu -> gamma mu, to first order: J = gamma (I + (mu / mu_z) grad^T).
+    """Covariances carried from the plane to the surface: in the plane by mu -> gamma mu, to first order.
 
-    gamma is a function of the pixel, so its gradient is perpendicular to the ray and a Gaussian's extent along the ray
-    scales with gamma: det J = gamma^3, and a surface seen edge-on (a floor, a side wall) keeps its thickness. With
-    zero slope this adds 2 log gamma to each log-variance: a Gaussian twice as near is half as wide.
+    With u = mu / mu_z, a step e_k in the plane becomes gamma (e_k + u slope_k), which is tangent to the surface and
+    leaves the footprint in the input view as it is. A step e_z becomes the part of gamma u along the surface's normal:
+    the Gaussian lies flat, det J = gamma^3, and a floor or a side wall seen edge-on keeps a thickness. With zero slope
+    this adds 2 log gamma to each log-variance: a Gaussian twice as near is half as wide.
     """
     flat = slopes.abs().sum(1) == 0
     scaled = anchors.log_variances + 2 * torch.log(gamma).float()[:, None]
@@ -188,10 +189,10 @@ def _push_forward(anchors: GaussianAnchors, gamma: Tensor, slopes: Tensor) -> tu
         return scaled, anchors.quaternions
     tilted = ~flat
     direction = anchors.means[tilted].double() / anchors.means[tilted, 2:3].double()
-    J = torch.eye(3, dtype=torch.float64).repeat(len(direction), 1, 1)
-    along_ray = -(slopes[tilted] * direction[:, :2]).sum(1, keepdim=True)
-    J += direction[:, :, None] * torch.cat([slopes[tilted], along_ray], 1)[:, None, :]
-    J *= gamma[tilted][:, None, None]
+    steps = torch.eye(3, dtype=torch.float64)[:2] + slopes[tilted][:, :, None] * direction[:, None, :]
+    normal = torch.nn.functional.normalize(torch.linalg.cross(steps[:, 0], steps[:, 1]), dim=-1)
+    through = (normal * direction).sum(-1, keepdim=True) * normal
+    J = gamma[tilted][:, None, None] * torch.stack([steps[:, 0], steps[:, 1], through], -1)
     covariance = J @ anchors.covariances()[tilted].double() @ J.transpose(1, 2)
     variances, axes = torch.linalg.eigh(covariance)
     axes = axes * torch.sign(torch.linalg.det(axes))[:, None, None]
