@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from orca.conventions import Float32Array, Float64Array
+from orca.threads import kernel
 
 __all__ = ["NUM_CONIC", "closest_approach", "is_hit", "project_anchors", "scanline"]
 
@@ -28,7 +29,7 @@ __all__ = ["NUM_CONIC", "closest_approach", "is_hit", "project_anchors", "scanli
 NUM_CONIC = 13
 
 
-@numba.njit(parallel=True, cache=True)  # type: ignore[untyped-decorator]
+@kernel()
 def project_anchors(
     means: Float32Array,  # [N, 3]
     whitening: Float32Array,  # [N, 3, 3]

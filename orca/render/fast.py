@@ -6,11 +6,7 @@ aggregation weights sum to one, so it is applied once per anchor, before aggrega
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager
 from dataclasses import dataclass
-from functools import lru_cache
 
 import numba
 import numpy as np
@@ -23,6 +19,7 @@ from orca.config import RenderConfig
 from orca.conventions import Float32Array
 from orca.field.decoders import Decoders
 from orca.render.hits import HitList
+from orca.threads import kernel, map_on_cores
 
 __all__ = ["Sampling", "aggregate", "composite_samples", "decode", "sample_alphas", "view_directions"]
 
@@ -79,7 +76,7 @@ def _starts_layer(t: float, t_before: float, a: float, a_before: float, gaps: tu
     return bool(t - t_before > reach)
 
 
-@numba.njit(parallel=True, cache=True)  # type: ignore[untyped-decorator]
+@kernel()
 def _count_samples(
     start: NDArray[np.int64],
     count: NDArray[np.int32],
@@ -105,7 +102,7 @@ def _count_samples(
     return out
 
 
-@numba.njit(parallel=True, cache=True, fastmath={"contract", "reassoc", "nsz"})  # type: ignore[untyped-decorator]
+@kernel(fastmath={"contract", "reassoc", "nsz"})
 def _aggregate_layers(
     start: NDArray[np.int64],
     count: NDArray[np.int32],
@@ -150,7 +147,7 @@ def _aggregate_layers(
     return t_out, a_out, f_out, row_out, members
 
 
-@numba.njit(parallel=True, cache=True, fastmath={"contract", "reassoc", "nsz"})  # type: ignore[untyped-decorator]
+@kernel(fastmath={"contract", "reassoc", "nsz"})
 def _aggregate_hits(
     start: NDArray[np.int64],
     count: NDArray[np.int32],
@@ -223,27 +220,11 @@ def decode(decoders: Decoders, hidden: Float32Array, directions: Float32Array | 
             sigma[part], geo = decoders.density(rows[part])
             colour[part] = decoders.colour(geo, None if views is None else views[part])
 
-    with _single_threaded_torch():
-        list(_pool(numba.get_num_threads()).map(work, range(0, total, _CHUNK)))
+    map_on_cores(work, range(0, total, _CHUNK))
     return sigma, colour
 
 
-@lru_cache(maxsize=4)
-def _pool(workers: int) -> ThreadPoolExecutor:
-    return ThreadPoolExecutor(workers, initializer=torch.set_num_threads, initargs=(1,))
-
-
-@contextmanager
-def _single_threaded_torch() -> Iterator[None]:
-    before = torch.get_num_threads()
-    torch.set_num_threads(1)
-    try:
-        yield
-    finally:
-        torch.set_num_threads(before)
-
-
-@numba.njit(parallel=True, cache=True)  # type: ignore[untyped-decorator]
+@kernel()
 def composite_samples(
     start: NDArray[np.int64],
     sigma: Float32Array,
@@ -266,7 +247,7 @@ def composite_samples(
     return out
 
 
-@numba.njit(parallel=True, cache=True)  # type: ignore[untyped-decorator]
+@kernel()
 def sample_alphas(start: NDArray[np.int64], sigma: Float32Array, opacity: Float32Array) -> Float32Array:
     """T_s alpha_s of every sample, [S]: how much of its pixel a sample makes up."""
     out = np.empty(start[-1], np.float32)

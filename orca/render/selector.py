@@ -18,6 +18,7 @@ from orca.config import RenderConfig
 from orca.conventions import Float32Array, Float64Array
 from orca.render.conics import closest_approach, is_hit, project_anchors, scanline
 from orca.render.hits import HitList
+from orca.threads import kernel
 
 __all__ = ["ray_anchor_closest_approach", "select", "select_brute_force"]
 
@@ -69,7 +70,7 @@ def select_whitened(means: Float32Array, whitening: Float32Array, camera: Camera
     return HitList(start, count, anchor, t_hit, m2, precision, int(overflow), int(inside.sum()))
 
 
-@numba.njit(cache=True)  # type: ignore[untyped-decorator]
+@numba.njit(cache=True, nogil=True)  # type: ignore[untyped-decorator]
 def _bands(box: NDArray[np.int32], height: int) -> tuple[NDArray[np.int64], NDArray[np.int32]]:
     """Anchors of each band of rows: offsets [B + 1] and anchor indices, in ascending order within a band."""
     bands = (height + _BAND_ROWS - 1) // _BAND_ROWS
@@ -90,7 +91,7 @@ def _bands(box: NDArray[np.int32], height: int) -> tuple[NDArray[np.int64], NDAr
     return offset, member
 
 
-@numba.njit(parallel=True, cache=True)  # type: ignore[untyped-decorator]
+@kernel()
 def _intersect(
     conic: Float64Array,
     box: NDArray[np.int32],
@@ -137,7 +138,7 @@ def _intersect(
     return start, count, anchor, t_hit, m2, precision
 
 
-@numba.njit(parallel=True, cache=True)  # type: ignore[untyped-decorator]
+@kernel()
 def _sort_rays(
     start: NDArray[np.int64],
     count: NDArray[np.int32],

@@ -25,6 +25,7 @@ from orca.repair.ledger import Ledger, RepairRecord
 from orca.repair.optimise import LocalTarget, optimise_new
 from orca.repair.rules import Decision, RepairRules, order
 from orca.repair.views import WatchedViews, crop_camera
+from orca.threads import map_on_cores, single_threaded_torch
 
 __all__ = ["RepairResult", "repair"]
 
@@ -70,7 +71,8 @@ def repair(
     first = cameras[0]
     rules = config.rules.scaled(first.width, first.height)
     loop = _Loop(anchors, decoders, cameras, indices, rules, config, render, insert, input_camera, seed, progress)
-    records, stopped = loop.run()
+    with single_threaded_torch():
+        records, stopped = loop.run()
     ledger = Ledger(config.rules, rules, (first.width, first.height), tuple(records), stopped)
     return RepairResult(loop.anchors, ledger)
 
@@ -138,14 +140,14 @@ class _Loop:
         fill = self._fill(before, component)
         new = new_anchors(fill, camera, self.anchors, self.decoders, self.rules, self.insert_config, self.surface)
         new = self._optimised(new, component, fill, view)
-        touched = {view}
+        touched = [view]
         if len(new):
             self.anchors = GaussianAnchors.concatenate(self.anchors, new)
-            touched |= set(self.views.insert(new))
+            touched = sorted({view, *self.views.insert(new)})
         after = self.views.rendered[view]
         self.given_up[view] |= whole & disocclusion_mask(after.alpha, after.depth, self.rules)
-        for i in touched:
-            self.missing[i] = self._missing(i)
+        for i, missing in zip(touched, map_on_cores(self._missing, touched), strict=True):
+            self.missing[i] = missing
         return RepairRecord(
             iteration=iteration,
             view=self.indices[view],

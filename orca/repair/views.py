@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from orca.anchors import GaussianAnchors
 from orca.camera import Camera
 from orca.render.renderer import Renderer, Rendering
+from orca.threads import map_on_cores
 
 __all__ = ["Box", "WatchedViews", "crop_camera"]
 
@@ -38,7 +39,7 @@ class WatchedViews:
         self.renderer = renderer
         self.rendered: list[Rendering] = []
         self.boxes: list[NDArray[np.int32]] = []
-        self.pixels_rendered_again = 0
+        self.pixels_rendered_again = [0] * len(self.cameras)
         for i, camera in enumerate(self.cameras):
             self.rendered.append(renderer.render(camera))
             self.boxes.append(renderer.boxes(camera))
@@ -48,16 +49,18 @@ class WatchedViews:
         """Add anchors to the scene and bring every view they touch up to date; returns those views' indices."""
         alone = Renderer(new, self.renderer.decoders, self.renderer.config, self.renderer.device)
         self.renderer = self.renderer.extended(alone)
-        touched = []
-        for i, camera in enumerate(self.cameras):
-            boxes = alone.boxes(camera)
-            self.boxes[i] = np.concatenate([self.boxes[i], boxes])
+
+        def update(index: int) -> bool:
+            boxes = alone.boxes(self.cameras[index])
+            self.boxes[index] = np.concatenate([self.boxes[index], boxes])
             boxes = boxes[(boxes[:, 2] > boxes[:, 0]) & (boxes[:, 3] > boxes[:, 1])]
             if len(boxes):
                 low, high = boxes[:, :2].min(0), boxes[:, 2:].max(0)
-                self._render_again(i, (int(low[0]), int(low[1]), int(high[0]), int(high[1])))
-                touched.append(i)
-        return touched
+                self._render_again(index, (int(low[0]), int(low[1]), int(high[0]), int(high[1])))
+            return len(boxes) > 0
+
+        touched = map_on_cores(update, range(len(self.cameras)))
+        return [index for index, yes in enumerate(touched) if yes]
 
     def reaching(self, view: int, box: Box) -> NDArray[np.bool_]:
         """Which anchors reach into a part of a view, [N]."""
@@ -69,7 +72,7 @@ class WatchedViews:
         before = self.rendered[index]
         for whole, patch in ((before.rgb, part.rgb), (before.alpha, part.alpha), (before.depth, part.depth)):
             whole[box[1] : box[3], box[0] : box[2]] = patch
-        self.pixels_rendered_again += (box[2] - box[0]) * (box[3] - box[1])
+        self.pixels_rendered_again[index] += (box[2] - box[0]) * (box[3] - box[1])
 
 
 def crop_camera(camera: Camera, box: Box) -> Camera:

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from orca.conventions import Float32Array
+from orca.threads import kernel
 
 __all__ = ["SparseMatrix"]
 
@@ -39,7 +40,7 @@ class SparseMatrix:
         return np.asarray(_product(*self.columns, y), np.float32)
 
 
-@numba.njit(cache=True)  # type: ignore[untyped-decorator]
+@numba.njit(cache=True, nogil=True)  # type: ignore[untyped-decorator]
 def _transpose(
     indptr: NDArray[np.int64], indices: NDArray[np.int32], values: Float32Array, width: int
 ) -> tuple[NDArray[np.int64], NDArray[np.int32], Float32Array]:
@@ -58,7 +59,7 @@ def _transpose(
     return offset, row, value
 
 
-@numba.njit(parallel=True, cache=True)  # type: ignore[untyped-decorator]
+@kernel()
 def _product(
     indptr: NDArray[np.int64], indices: NDArray[np.int32], values: Float32Array, x: Float32Array
 ) -> Float32Array:

@@ -1,0 +1,92 @@
+"""How the CPU's cores are shared between torch, numba and our own pools."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
+from functools import lru_cache
+from typing import Any, Generic, ParamSpec, TypeVar
+
+import numba
+import torch
+
+__all__ = ["Kernel", "in_serial_mode", "kernel", "map_on_cores", "single_threaded_torch"]
+
+P = ParamSpec("P")
+R = TypeVar("R")
+T = TypeVar("T")
+
+_mode = threading.local()
+
+
+class Kernel(Generic[P, R]):
+    """A numba function in two builds: one that uses all cores, one that uses none but the caller's.
+
+    The second is for many small calls at once (see `map_on_cores`): a parallel region costs a round of waiting for
+    every core, which on small work, or on a busy machine, is more than the work itself.
+    """
+
+    def __init__(self, function: Callable[P, R], options: dict[str, Any]) -> None:
+        self._parallel = numba.njit(parallel=True, cache=True, **options)(function)
+        self._serial = numba.njit(nogil=True, cache=True, **options)(_twin(function))
+        self.__doc__ = function.__doc__
+
+    def __call__(self, *args: P.args, **kwargs: P.kwargs) -> R:
+        chosen = self._serial if in_serial_mode() else self._parallel
+        out: R = chosen(*args, **kwargs)
+        return out
+
+
+def _twin(function: Callable[P, R]) -> Callable[P, R]:
+    """A copy of a function under another name, so that numba's cache keeps the two builds apart."""
+    from types import FunctionType
+
+    name = function.__name__ + "_serial"
+    twin = FunctionType(function.__code__, function.__globals__, name, function.__defaults__, function.__closure__)
+    twin.__qualname__, twin.__module__ = name, function.__module__
+    return twin
+
+
+def kernel(**options: Any) -> Callable[[Callable[P, R]], Kernel[P, R]]:
+    """Decorate a function that uses `numba.prange`; ``options`` go to `numba.njit`."""
+    return lambda function: Kernel(function, options)
+
+
+def in_serial_mode() -> bool:
+    """Whether this thread is a worker of `map_on_cores`, one of several that share the cores already."""
+    return getattr(_mode, "serial", False)
+
+
+def map_on_cores(work: Callable[[T], R], items: Iterable[T]) -> list[R]:
+    """``[work(item) for item in items]``, one item per core at a time; inside a worker, one after another."""
+    if in_serial_mode() or numba.get_num_threads() == 1:
+        return [work(item) for item in items]
+    with single_threaded_torch():
+        return list(_pool(numba.get_num_threads()).map(work, items))
+
+
+@lru_cache(maxsize=4)
+def _pool(workers: int) -> ThreadPoolExecutor:
+    return ThreadPoolExecutor(workers, initializer=_become_worker)
+
+
+def _become_worker() -> None:
+    _mode.serial = True
+    torch.set_num_threads(1)
+
+
+@contextmanager
+def single_threaded_torch() -> Iterator[None]:
+    """Keep torch to one thread for a while.
+
+    torch's worker threads go on spinning after each small operation and take the core from numba's. Work that is
+    worth all cores is given to them in pieces of our own instead.
+    """
+    before = torch.get_num_threads()
+    torch.set_num_threads(1)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(before)
