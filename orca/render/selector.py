@@ -64,8 +64,8 @@ def select_whitened(means: Float32Array, whitening: Float32Array, camera: Camera
         config.chi2,
         config.near,
     )
-    bands = _bands(box, camera.height)
-    start, count, anchor, t_hit, m2, precision = _intersect(conic, box, *bands, size, config.chi2, config.near)
+    offset, member = _bands(box, camera.height)
+    start, count, anchor, t_hit, m2, precision = _intersect(conic, box, offset, member, size, config.chi2, config.near)
     overflow = _sort_rays(start, count, anchor, t_hit, m2, precision, config.max_hits)
     return HitList(start, count, anchor, t_hit, m2, precision, int(overflow), int(inside.sum()))
 
