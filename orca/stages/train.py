@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -109,7 +110,7 @@ def train(
 
     The anchors' features include the encoding's contribution, before and after. The device is that of the anchors.
     Hit lists are integers: they are found once, and again at every evaluation if the geometry moves. The input view
-    (first observation) is what early stopping watches.
+    (first observation) is what early stopping watches. On the CPU the same generator gives the same result.
     """
     model = _Trainable(anchors, encoding)
     optimiser = model.optimiser(decoders, plan, config)
@@ -118,9 +119,10 @@ def train(
     hits = _hit_lists(model, decoders, observed, render)
     stopped, step = "max_iterations", 0
     while step < plan.max_iterations:
-        loss = _batch_loss(model, decoders, observed, hits, config, render, generator)
-        optimiser.zero_grad(set_to_none=True)
-        loss.backward()  # type: ignore[no-untyped-call]
+        with _repeatable(model.means.device):
+            loss = _batch_loss(model, decoders, observed, hits, config, render, generator)
+            optimiser.zero_grad(set_to_none=True)
+            loss.backward()  # type: ignore[no-untyped-call]
         optimiser.step()
         optimiser.param_groups[0]["lr"] *= decay
         step += 1
@@ -132,6 +134,17 @@ def train(
                 stopped = "early_stopping"
                 break
     return TrainResult(model.anchors().detached(), step, stopped, tuple(stopping.history))
+
+
+@contextmanager
+def _repeatable(device: torch.device) -> Iterator[None]:
+    """Gradients that do not depend on the order in which threads add them, on the CPU; elsewhere they may."""
+    before = torch.are_deterministic_algorithms_enabled()
+    torch.use_deterministic_algorithms(before or device.type == "cpu")
+    try:
+        yield
+    finally:
+        torch.use_deterministic_algorithms(before)
 
 
 def _hit_lists(
