@@ -166,7 +166,7 @@ class DeformConfig:
         sharpen_depth: move depths halfway between two surfaces to the nearer of the two, so that no anchor
             floats between foreground and background (O).
         edge_ratio: two depths further apart than this ratio, within the window, are two surfaces (O).
-        edge_density: sigma of anchors at depth edges, where a hard foreground rim would cover the background (O).
+        edge_density: sigma of anchors on the near side of depth edges: a dense rim would hide the background (O).
         follow_slope: tilt and stretch each Gaussian with the surface it lies on (O).
         max_slope: largest relative depth change per unit of image tangent that is still one surface (O).
         max_iterations: fine-tuning steps at most (P: 20,000).

@@ -24,7 +24,7 @@ from orca.repair.insert import InsertConfig
 from orca.repair.loop import repair
 from orca.scene import Scene
 from orca.stages.canvas import Canvas, make_canvas
-from orca.stages.deform import deform, near_depth_edge, sample_depth
+from orca.stages.deform import deform, near_depth_edge, on_near_side, sample_depth
 from orca.stages.observations import Observation, observations
 from orca.stages.planar import PlanarGrid, place, planar_anchors, rest_positions
 from orca.stages.solve import solve_colours
@@ -222,8 +222,12 @@ def _place(anchors: GaussianAnchors, canvas: Canvas, run: _Run) -> GaussianAncho
 def _soften_edges(
     anchors: GaussianAnchors, grid: PlanarGrid, canvas: Canvas, config: ReconstructConfig
 ) -> GaussianAnchors:
-    """Lower the density of anchors at depth edges: the rim of a dense foreground anchor would hide the background."""
+    """Lower the density of anchors on the near side of depth edges, whose dense rims would hide the background.
+
+    The far side keeps its density: what a repair later puts behind it must not shine through in the input view.
+    """
     soft = near_depth_edge(canvas.depth, grid.pixels, 2 * grid.spacing, config.deform.edge_ratio)
+    soft &= on_near_side(canvas.depth, grid.pixels)
     features = anchors.features.clone()
     features[torch.from_numpy(soft), DENSITY_CHANNEL] = density_feature(
         config.deform.edge_density, config.planar.density

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from orca.conventions import Float32Array, Float64Array
 from orca.threads import kernel
 
-__all__ = ["NUM_CONIC", "closest_approach", "is_hit", "project_anchors", "scanline"]
+__all__ = ["NUM_CONIC", "project_anchors"]
 
 # Columns of the conic table: projection (2), t0, a0, h (2), E (3), Gamma (3), 1 if it reaches `near`; all float64.
 NUM_CONIC = 13
@@ -95,44 +95,3 @@ def project_anchors(
         box[i, 1] = int(np.ceil(min(max(py + oy - ry - 0.5, 0.0), float(height))))
         box[i, 3] = int(np.floor(min(max(py + oy + ry - 0.5, -1.0), height - 1.0))) + 1
     return conic, box, inside
-
-
-@numba.njit(cache=True, inline="always")  # type: ignore[untyped-decorator]
-def closest_approach(q: Float64Array, x: int, y: int) -> tuple[float, float, float]:
-    """t*, m2 and a of the ray of pixel (x, y)."""
-    dx, dy = x + 0.5 - q[0], y + 0.5 - q[1]
-    hd = q[4] * dx + q[5] * dy
-    a = q[3] + 2.0 * hd + q[6] * dx * dx + 2.0 * q[7] * dx * dy + q[8] * dy * dy
-    quad = q[9] * dx * dx + 2.0 * q[10] * dx * dy + q[11] * dy * dy
-    return q[2] * (q[3] + hd) / a, max(0.0, q[2] * q[2] * quad / a), a
-
-
-@numba.njit(cache=True, inline="always")  # type: ignore[untyped-decorator]
-def is_hit(q: Float64Array, x: int, y: int, chi2: float, near: float) -> bool:
-    """Whether pixel (x, y) of the footprint is a hit: true by construction unless the ellipsoid reaches ``near``."""
-    if q[12] == 0.0:
-        return True
-    t, m2, _ = closest_approach(q, x, y)
-    return bool(m2 <= chi2 and t > near)
-
-
-@numba.njit(cache=True, inline="always")  # type: ignore[untyped-decorator]
-def scanline(q: Float64Array, chi2: float, y: int, x0: int, x1: int) -> tuple[int, int]:
-    """First and past-the-end pixel of the footprint on row ``y``, within [x0, x1)."""
-    if q[12] > 0.0:  # reaches `near`: no ellipse to go by
-        return x0, x1
-    dy = y + 0.5 - q[1]
-    tt = q[2] * q[2]
-    a = tt * q[9] - chi2 * q[6]
-    b = (tt * q[10] - chi2 * q[7]) * dy - chi2 * q[4]
-    c = (tt * q[11] - chi2 * q[8]) * dy * dy - 2.0 * chi2 * q[5] * dy - chi2 * q[3]
-    disc = b * b - a * c
-    if disc < 0.0:
-        return 0, 0
-    root = np.sqrt(disc)
-    centre = q[0] - 0.5
-    low = max(centre + (-b - root) / a, float(x0))
-    high = min(centre + (-b + root) / a, float(x1 - 1))
-    if high < low:
-        return 0, 0
-    return int(np.ceil(low)), int(np.floor(high)) + 1

@@ -16,7 +16,7 @@ from orca.anchors import GaussianAnchors
 from orca.camera import Camera
 from orca.config import RenderConfig
 from orca.conventions import Float32Array, Float64Array
-from orca.render.conics import closest_approach, is_hit, project_anchors, scanline
+from orca.render.conics import project_anchors
 from orca.render.hits import HitList
 from orca.threads import kernel
 
@@ -91,6 +91,51 @@ def _bands(box: NDArray[np.int32], height: int) -> tuple[NDArray[np.int64], NDAr
     return offset, member
 
 
+# The next three read one row of the conic table. They live beside their caller, not beside the table's maker, since
+# numba's cache watches the caller's file alone and would go on using what it inlined.
+
+
+@numba.njit(cache=True, inline="always")  # type: ignore[untyped-decorator]
+def _closest_approach(q: Float64Array, x: int, y: int) -> tuple[float, float, float]:
+    """t*, m2 and a of the ray of pixel (x, y)."""
+    dx, dy = x + 0.5 - q[0], y + 0.5 - q[1]
+    hd = q[4] * dx + q[5] * dy
+    a = q[3] + 2.0 * hd + q[6] * dx * dx + 2.0 * q[7] * dx * dy + q[8] * dy * dy
+    quad = q[9] * dx * dx + 2.0 * q[10] * dx * dy + q[11] * dy * dy
+    return q[2] * (q[3] + hd) / a, max(0.0, q[2] * q[2] * quad / a), a
+
+
+@numba.njit(cache=True, inline="always")  # type: ignore[untyped-decorator]
+def _is_hit(q: Float64Array, x: int, y: int, chi2: float, near: float) -> bool:
+    """Whether pixel (x, y) of the footprint is a hit: true by construction unless the ellipsoid reaches ``near``."""
+    if q[12] == 0.0:
+        return True
+    t, m2, _ = _closest_approach(q, x, y)
+    return bool(m2 <= chi2 and t > near)
+
+
+@numba.njit(cache=True, inline="always")  # type: ignore[untyped-decorator]
+def _scanline(q: Float64Array, chi2: float, y: int, x0: int, x1: int) -> tuple[int, int]:
+    """First and past-the-end pixel of the footprint on row ``y``, within [x0, x1)."""
+    if q[12] > 0.0:  # reaches `near`: no ellipse to go by
+        return x0, x1
+    dy = y + 0.5 - q[1]
+    tt = q[2] * q[2]
+    a = tt * q[9] - chi2 * q[6]
+    b = (tt * q[10] - chi2 * q[7]) * dy - chi2 * q[4]
+    c = (tt * q[11] - chi2 * q[8]) * dy * dy - 2.0 * chi2 * q[5] * dy - chi2 * q[3]
+    disc = b * b - a * c
+    if not disc >= 0.0:  # so that a NaN is no hit either
+        return 0, 0
+    root = np.sqrt(disc)
+    centre = q[0] - 0.5
+    low = max(centre + (-b - root) / a, float(x0))
+    high = min(centre + (-b + root) / a, float(x1 - 1))
+    if not high >= low:
+        return 0, 0
+    return int(np.ceil(low)), int(np.floor(high)) + 1
+
+
 @kernel()
 def _intersect(
     conic: Float64Array,
@@ -110,9 +155,9 @@ def _intersect(
             i = member[k]
             q = conic[i]
             for y in range(max(box[i, 1], band * _BAND_ROWS), min(box[i, 3], (band + 1) * _BAND_ROWS)):
-                first, last = scanline(q, chi2, y, box[i, 0], box[i, 2])
+                first, last = _scanline(q, chi2, y, box[i, 0], box[i, 2])
                 for x in range(first, last):
-                    if is_hit(q, x, y, chi2, near):
+                    if _is_hit(q, x, y, chi2, near):
                         count[y * width + x] += 1
     start = np.zeros(width * height, np.int64)
     total = np.int64(0)
@@ -128,13 +173,13 @@ def _intersect(
             i = member[k]
             q = conic[i]
             for y in range(max(box[i, 1], band * _BAND_ROWS), min(box[i, 3], (band + 1) * _BAND_ROWS)):
-                first, last = scanline(q, chi2, y, box[i, 0], box[i, 2])
+                first, last = _scanline(q, chi2, y, box[i, 0], box[i, 2])
                 for x in range(first, last):
-                    if is_hit(q, x, y, chi2, near):
+                    if _is_hit(q, x, y, chi2, near):
                         row = cursor[y * width + x - low]
                         cursor[y * width + x - low] = row + 1
                         anchor[row] = i
-                        t_hit[row], m2[row], precision[row] = closest_approach(q, x, y)
+                        t_hit[row], m2[row], precision[row] = _closest_approach(q, x, y)
     return start, count, anchor, t_hit, m2, precision
 
 

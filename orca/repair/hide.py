@@ -1,4 +1,4 @@
-"""What a repair inserts must stay behind what the input camera sees: it was hidden there, or it would not be a hole."""
+"""What a repair inserts must not show in the input view: it was hidden there, or it would not be a hole."""
 
 from __future__ import annotations
 
@@ -8,10 +8,12 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from orca.anchors import GaussianAnchors
 from orca.camera import Camera
 from orca.conventions import Float32Array, Float64Array
+from orca.render.renderer import Renderer
 
-__all__ = ["InputSurface"]
+__all__ = ["InputSurface", "visible_in"]
 
 _FACTORS = np.concatenate([[1.0], 1.01 * 1.04 ** np.arange(24)])  # depths tried along a ray, up to 2.5 times
 
@@ -29,7 +31,7 @@ class InputSurface:
     depth: Float32Array
 
     @staticmethod
-    def of(camera: Camera, depth: Float32Array, window: int = 5) -> InputSurface:
+    def of(camera: Camera, depth: Float32Array, window: int = 9) -> InputSurface:
         """From the input view's depth [H, W]; ``window`` is the side in pixels of what an anchor may touch."""
         return InputSurface(camera, np.asarray(cv2.dilate(depth, np.ones((window, window), np.uint8)), np.float32))
 
@@ -64,3 +66,27 @@ class InputSurface:
         column = np.clip(np.nan_to_num(pixels[:, 0]), 0, self.camera.width - 1).astype(int)
         row = np.clip(np.nan_to_num(pixels[:, 1]), 0, self.camera.height - 1).astype(int)
         return np.asarray(~inside | (z > 1.005 * self.depth[row, column]))
+
+
+def visible_in(
+    new: GaussianAnchors, near: Renderer, camera: Camera, before: Float32Array, tolerance: float
+) -> NDArray[np.bool_]:
+    """Which new anchors change the input view, [n].
+
+    A soft foreground edge lets through a little of what lies behind it, so being behind the surface is not enough.
+
+    Args:
+        new: anchors about to be inserted.
+        near: renderer of the scene, or of the part of it that the view's crop needs.
+        camera: the input camera, or a crop of it that contains all footprints of the new anchors.
+        before: its render without them, [H, W, 3].
+        tolerance: largest change of a colour channel that is let pass.
+    """
+    alone = Renderer(new, near.decoders, near.config, near.device)
+    after = near.extended(alone).render(camera).rgb
+    changed = (np.abs(after - before).max(2) > tolerance).ravel()
+    hits = alone.hits(camera)
+    padded = hits.padded(np.flatnonzero(changed))
+    guilty = np.zeros(len(new), bool)
+    guilty[padded[padded >= 0]] = True
+    return guilty

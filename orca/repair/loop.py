@@ -19,7 +19,7 @@ from orca.render.renderer import Renderer, Rendering
 from orca.repair.components import Component, connected_components, drop_small
 from orca.repair.detect import disocclusion_mask
 from orca.repair.donors import FillTarget, local_fill
-from orca.repair.hide import InputSurface
+from orca.repair.hide import InputSurface, visible_in
 from orca.repair.insert import InsertConfig, new_anchors
 from orca.repair.ledger import Ledger, RepairRecord
 from orca.repair.optimise import LocalTarget, optimise_new
@@ -30,6 +30,7 @@ from orca.threads import map_on_cores, single_threaded_torch
 __all__ = ["RepairResult", "repair"]
 
 _RAYS_OPTIMISED = 4000  # at most; a larger hole is optimised on a random part of its pixels
+_INPUT_TOLERANCE = 4 / 255  # change of a pixel of the input view that a repair may cause
 _DONOR_ALPHA = 0.95
 _BOUNDARY = 3  # pixels around the hole whose appearance is kept
 
@@ -107,8 +108,8 @@ class _Loop:
         self.views = WatchedViews(
             cameras, Renderer(anchors, decoders, render), lambda done, total: progress("repair: views", done, total)
         )
-        seen = self.views.renderer.render(input_camera)
-        self.surface = InputSurface.of(input_camera, seen.depth)
+        self.input_view = WatchedViews([input_camera], self.views.renderer)
+        self.surface = InputSurface.of(input_camera, self.input_view.rendered[0].depth)
         # Pixels of a component that was repaired once and stays open: looked at again, they would be tried for ever.
         self.given_up = [np.zeros((c.height, c.width), bool) for c in cameras]
         self.missing = [self._missing(i) for i in range(len(cameras))]
@@ -139,11 +140,12 @@ class _Loop:
         coverage_before = float(before.alpha[whole].mean())
         fill = self._fill(before, component)
         new = new_anchors(fill, camera, self.anchors, self.decoders, self.rules, self.insert_config, self.surface)
-        new = self._optimised(new, component, fill, view)
+        new = self._invisible_in_input(self._optimised(new, component, fill, view))
         touched = [view]
         if len(new):
             self.anchors = GaussianAnchors.concatenate(self.anchors, new)
             touched = sorted({view, *self.views.insert(new)})
+            self.input_view.insert(new)
         after = self.views.rendered[view]
         self.given_up[view] |= whole & disocclusion_mask(after.alpha, after.depth, self.rules)
         for i, missing in zip(touched, map_on_cores(self._missing, touched), strict=True):
@@ -164,6 +166,17 @@ class _Loop:
             coverage_after=float(after.alpha[whole].mean()),
             milliseconds=1e3 * (time.perf_counter() - started),
         )
+
+    def _invisible_in_input(self, new: GaussianAnchors) -> GaussianAnchors:
+        """The new anchors without those that would change the input view."""
+        box = self.input_view.footprint(new)
+        if box is None:
+            return new
+        near = self.input_view.renderer.part(self.input_view.reaching(0, box))
+        before = self.input_view.rendered[0].rgb[box[1] : box[3], box[0] : box[2]]
+        camera = crop_camera(self.input_view.cameras[0], box)
+        guilty = visible_in(new, near, camera, before, _INPUT_TOLERANCE)
+        return new.subset(torch.from_numpy(~guilty))
 
     def _fill(self, before: Rendering, component: Component) -> FillTarget:
         # Half-covered pixels are mixed with the background colour: no donors.

@@ -53,14 +53,18 @@ class WatchedViews:
         def update(index: int) -> bool:
             boxes = alone.boxes(self.cameras[index])
             self.boxes[index] = np.concatenate([self.boxes[index], boxes])
-            boxes = boxes[(boxes[:, 2] > boxes[:, 0]) & (boxes[:, 3] > boxes[:, 1])]
-            if len(boxes):
-                low, high = boxes[:, :2].min(0), boxes[:, 2:].max(0)
-                self._render_again(index, (int(low[0]), int(low[1]), int(high[0]), int(high[1])))
-            return len(boxes) > 0
+            around = _around(boxes)
+            if around is not None:
+                self._render_again(index, around)
+            return around is not None
 
         touched = map_on_cores(update, range(len(self.cameras)))
         return [index for index, yes in enumerate(touched) if yes]
+
+    def footprint(self, new: GaussianAnchors, view: int = 0) -> Box | None:
+        """Box around everything that some new anchors can touch in a view; None if nothing."""
+        alone = Renderer(new, self.renderer.decoders, self.renderer.config, self.renderer.device)
+        return _around(alone.boxes(self.cameras[view]))
 
     def reaching(self, view: int, box: Box) -> NDArray[np.bool_]:
         """Which anchors reach into a part of a view, [N]."""
@@ -73,6 +77,14 @@ class WatchedViews:
         for whole, patch in ((before.rgb, part.rgb), (before.alpha, part.alpha), (before.depth, part.depth)):
             whole[box[1] : box[3], box[0] : box[2]] = patch
         self.pixels_rendered_again[index] += (box[2] - box[0]) * (box[3] - box[1])
+
+
+def _around(boxes: NDArray[np.int32]) -> Box | None:
+    boxes = boxes[(boxes[:, 2] > boxes[:, 0]) & (boxes[:, 3] > boxes[:, 1])]
+    if len(boxes) == 0:
+        return None
+    low, high = boxes[:, :2].min(0), boxes[:, 2:].max(0)
+    return int(low[0]), int(low[1]), int(high[0]), int(high[1])
 
 
 def crop_camera(camera: Camera, box: Box) -> Camera:

@@ -22,7 +22,15 @@ from orca.config import DeformConfig
 from orca.conventions import Float32Array, Float64Array
 from orca.errors import BadInput
 
-__all__ = ["RelativeTarget", "deform", "metric_target", "near_depth_edge", "sample_depth", "sharpen_depth"]
+__all__ = [
+    "RelativeTarget",
+    "deform",
+    "metric_target",
+    "near_depth_edge",
+    "on_near_side",
+    "sample_depth",
+    "sharpen_depth",
+]
 
 
 def deform(anchors: GaussianAnchors, depth: Float32Array, camera: Camera, config: DeformConfig) -> GaussianAnchors:
@@ -153,6 +161,16 @@ def near_depth_edge(
     column = np.clip(pixels[:, 0].astype(int), 0, depth.shape[1] - 1)
     row = np.clip(pixels[:, 1].astype(int), 0, depth.shape[0] - 1)
     return np.asarray((distance[row, column] <= reach) & bool((flat == 0).any()))
+
+
+def on_near_side(depth: Float32Array, pixels: Float64Array, window: int = 9) -> NDArray[np.bool_]:
+    """Whether the depth at pixels [N, 2] is nearer (in log depth) to the smallest in its window than to the largest."""
+    log = np.log(depth)
+    kernel = np.ones((window, window), np.uint8)
+    near = log - cv2.erode(log, kernel) < cv2.dilate(log, kernel) - log
+    column = np.clip(pixels[:, 0].astype(int), 0, depth.shape[1] - 1)
+    row = np.clip(pixels[:, 1].astype(int), 0, depth.shape[0] - 1)
+    return np.asarray(near[row, column])
 
 
 def _log_depth_slopes(depth: Float64Array, pixels: Float64Array, camera: Camera, max_slope: float) -> Float64Array:
