@@ -112,7 +112,7 @@ class PlacementConfig:
 
     kind: Literal["quadtree", "grid"] = "quadtree"
     margin_importance: float = 0.25
-    edge_ratio: float = 1.05
+    edge_ratio: float = 1.1
     edge_weight: float = 0.5
     edge_floor: float = 0.005
 
@@ -163,6 +163,7 @@ class DeformConfig:
         strength: lambda of the paper's formula (O).
         far_quantile, near_quantile: robust quantiles of inverse depth (O).
         epsilon: guards the inverse depth (P: a small positive constant).
+        denoise_depth: smooth speckle on surfaces, edges left standing (O).
         sharpen_depth: move depths halfway between two surfaces to the nearer of the two, so that no anchor
             floats between foreground and background (O).
         edge_ratio: two depths further apart than this ratio, within the window, are two surfaces (O).
@@ -178,9 +179,10 @@ class DeformConfig:
     far_quantile: float = 0.02
     near_quantile: float = 0.98
     epsilon: float = 1e-6
+    denoise_depth: bool = True
     sharpen_depth: bool = True
-    edge_ratio: float = 1.06
-    edge_density: float = 6.0
+    edge_ratio: float = 1.12
+    edge_density: float = 10.0
     follow_slope: bool = True
     max_slope: float = 4.0
     max_iterations: int = 0
@@ -201,7 +203,7 @@ class RepairConfig:
 
     enabled: bool = True
     views: int = 12
-    rules: RepairRules = field(default_factory=lambda: RepairRules(max_steps=6, max_iterations=150))
+    rules: RepairRules = field(default_factory=lambda: RepairRules(max_steps=3, max_iterations=60))
     fill: Literal["paper", "smooth"] = "smooth"
     inpainter: str = "none"
 
@@ -224,6 +226,10 @@ class ReconstructConfig:
         """Plain data with every resolved value."""
         return asdict(self)
 
+    def trusting_depth(self) -> ReconstructConfig:
+        """The same configuration for measured depth: neither smoothed nor sharpened."""
+        return replace(self, deform=replace(self.deform, denoise_depth=False, sharpen_depth=False))
+
     def with_lifting(self, lifting: Literal["metric", "relative"]) -> ReconstructConfig:
         """The same configuration with another lifting."""
         return replace(self, deform=replace(self.deform, lifting=lifting))
@@ -243,7 +249,9 @@ _PAPER = ReconstructConfig(
         max_iterations=30_000,
         use_direction=True,
     ),
-    deform=DeformConfig(lifting="relative", sharpen_depth=False, follow_slope=False, max_iterations=20_000),
+    deform=DeformConfig(
+        lifting="relative", denoise_depth=False, sharpen_depth=False, follow_slope=False, max_iterations=20_000
+    ),
     repair=RepairConfig(views=0, rules=RepairRules(), fill="paper"),
 )
 

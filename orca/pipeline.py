@@ -98,6 +98,8 @@ def reconstruct(
     _check(image, camera, depth, trajectory)
     run = _Run(config, device, torch.Generator().manual_seed(seed), progress or (lambda phase, done, total: None))
 
+    if depth.is_measured:
+        config = run.config = config.trusting_depth()
     started = time.perf_counter()
     if outpainter is None and config.canvas.outpainter != "none":
         outpainter = OUTPAINTERS.get(config.canvas.outpainter)()
@@ -128,6 +130,7 @@ def reconstruct(
         "seed": seed,
         "depth_source": depth.source,
         "depth_is_metric": depth.is_metric,
+        "depth_is_measured": depth.is_measured,
         "depth_notes": list(depth.notes),
         "margins": list(canvas.margins),
     }

@@ -57,7 +57,7 @@ class OrcaMethod:
         result = reconstruct(
             to_float(case.image),
             case.camera,
-            DepthEstimate(case.depth, case.depth_source, case.depth_is_metric),
+            DepthEstimate(case.depth, case.depth_source, case.depth_is_metric, is_measured=case.depth_is_measured),
             # The last view is always watched, so a scene is repaired where it will be compared with the truth.
             (*novel, *truth),
             config,

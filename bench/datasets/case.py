@@ -43,6 +43,7 @@ class SceneCase:
         depth: reference z-depth of the input, [H, W] float32, positive, in trajectory units (scene radii R).
         depth_source: where the depth comes from, in words a table can print ("Depth Pro via VistaDream", "heuristic").
         depth_is_metric: True if the depth is proportional to true depth; False for a guess such as the heuristic.
+        depth_is_measured: True if it was measured (stereo, a scanner) and not estimated: its edges are to be trusted.
         fov_source: where the field of view comes from.
         trajectory: the full path.
         eval_indices: frames of the path that are rendered and scored.
@@ -60,6 +61,7 @@ class SceneCase:
     trajectory: Trajectory
     eval_indices: tuple[int, ...]
     true_views: tuple[TrueView, ...] = ()
+    depth_is_measured: bool = False
 
     @property
     def eval_trajectory(self) -> Trajectory:

@@ -91,6 +91,7 @@ class Photos:
             depth=depth,
             depth_source=depth_source,
             depth_is_metric=second is not None,
+            depth_is_measured=second is not None,
             fov_source=fov_source,
             trajectory=trajectory,
             eval_indices=evenly_spaced(len(trajectory)),

@@ -28,6 +28,7 @@ class DepthEstimate:
         is_metric: True if ``depth`` is proportional to true depth (the unit may be unknown); False for a guess, or
             for a relative depth whose inverse has an unknown offset.
         hfov_deg: horizontal field of view in degrees, where the provider knows it.
+        is_measured: True if it was measured (stereo, a scanner): its edges are trusted and nothing is smoothed.
         notes: what a reader of the result must know.
     """
 
@@ -36,6 +37,7 @@ class DepthEstimate:
     is_metric: bool
     hfov_deg: float | None = None
     notes: tuple[str, ...] = ()
+    is_measured: bool = False
 
     def __post_init__(self) -> None:
         depth = np.ascontiguousarray(self.depth, np.float32)

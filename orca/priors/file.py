@@ -40,6 +40,7 @@ class FileDepth:
         resize: scale a map of another size to the image; the shape of the frame must agree within 2 %.
         fill: replace NaN, infinite and non-positive values by the nearest good one instead of refusing the file.
             An inverse depth or disparity of exactly 0 then means infinitely far: 10 times the median depth.
+        measured: the depth was measured (stereo, a scanner), so that its edges are taken as they are.
         metric: overrides what ``meaning`` says about being proportional to true depth.
         hfov_deg: the horizontal field of view, if the maker of the map knows it (option ``hfov``).
     """
@@ -53,13 +54,14 @@ class FileDepth:
     resize: bool = False
     fill: bool = False
     metric: bool | None = None
+    measured: bool = False
     hfov_deg: float | None = None
     name: str = "file"
 
     @classmethod
     def from_spec(cls, spec: PriorSpec) -> FileDepth:
         """Read the options; see the class for their meaning."""
-        spec.allow("unit", "meaning", "focal", "baseline", "offset", "resize", "fill", "metric", "hfov")
+        spec.allow("unit", "meaning", "focal", "baseline", "offset", "resize", "fill", "metric", "measured", "hfov")
         focal, baseline = spec.optional_number("focal"), spec.optional_number("baseline")
         if (focal is None) != (baseline is None):
             raise BadInput("only one of focal and baseline", "both or neither", "give focal=PIXELS&baseline=LENGTH")
@@ -72,6 +74,7 @@ class FileDepth:
             offset=spec.optional_number("offset") or 0.0,
             resize=spec.flag("resize", False),
             fill=spec.flag("fill", False),
+            measured=spec.flag("measured", False),
             metric=spec.flag("metric", True) if "metric" in spec.options else None,
             hfov_deg=spec.optional_number("hfov"),
         )
@@ -87,6 +90,7 @@ class FileDepth:
         return DepthEstimate(
             depth=self._to_depth(values),
             source=f"file {self.path.name} ({self.meaning.replace('_', ' ')})",
+            is_measured=self.measured,
             is_metric=calibrated if self.metric is None else self.metric,
             hfov_deg=self.hfov_deg,
             notes=notes,

@@ -30,7 +30,7 @@ from orca.threads import map_on_cores, single_threaded_torch
 __all__ = ["RepairResult", "repair"]
 
 _RAYS_OPTIMISED = 4000  # at most; a larger hole is optimised on a random part of its pixels
-_INPUT_TOLERANCE = 4 / 255  # change of a pixel of the input view that a repair may cause
+_INPUT_TOLERANCE = 6 / 255  # change of a pixel of the input view that a repair may cause
 _DONOR_ALPHA = 0.95
 _BOUNDARY = 3  # pixels around the hole whose appearance is kept
 
