@@ -123,13 +123,20 @@ class _Loop:
             components = connected_components(self.missing[view], self.rules.min_component_area, self.rules.bridge)
             if not components:
                 return records, "no disocclusion of the smallest area is left"
-            component, decision = order(components, 0, self.rules)[0]
+            component, decision = order(components, self.rules.generative_budget, self.rules)[0]
+            if decision.kind == "generative":
+                decision = Decision("local", "no_inpainter", f"{decision.reason}, but there is no inpainter to ask")
             records.append(self._repair_one(len(records), view, component, decision))
         return records, f"the limit of {self.rules.max_iterations} repairs was reached"
 
     def _missing(self, view: int) -> NDArray[np.bool_]:
-        """Missing pixels of a view in components that are large enough, without those given up."""
+        """Missing pixels of a view in components that are large enough, without those given up.
+
+        A view that sees nothing of the scene has nothing to fill its hole from: none of it counts.
+        """
         rendered = self.views.rendered[view]
+        if not (rendered.alpha >= self.rules.alpha_threshold).any():
+            return np.zeros_like(self.given_up[view])
         mask = disocclusion_mask(rendered.alpha, rendered.depth, self.rules) & ~self.given_up[view]
         return drop_small(mask, self.rules.min_component_area, self.rules.bridge)
 

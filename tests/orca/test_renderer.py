@@ -17,6 +17,7 @@ from orca.render import Renderer, render, select
 from orca.render.aggregation import layer_index
 from orca.render.reference import gather_hits, ray_tensors, render_rays
 from orca.scene import Scene
+from orca.threads import map_on_cores
 from tests.orca.anchor_scenes import one_anchor, random_anchors, random_camera, random_decoders
 
 MODES = {
@@ -108,13 +109,17 @@ def test_a_renderer_elsewhere_leaves_the_given_decoders_alone() -> None:
     assert Renderer(anchors, decoders, RenderConfig(), device="cpu:0").decoders is not decoders
 
 
-def test_several_threads_change_nothing() -> None:
-    """A picture of many decoder chunks, twice: the pool writes every chunk to its own place."""
+@pytest.mark.parametrize("mode", MODES)
+def test_workers_render_what_the_whole_machine_renders(mode: str) -> None:
+    """All cores on one picture of many decoder chunks, twice; and one core a picture (the kernels' serial build)."""
     anchors, decoders, camera = _scene(2)
-    renderer = Renderer(anchors, decoders, MODES["per hit, window 2"])
-    first, second = renderer.render(camera), renderer.render(camera)
+    renderer = Renderer(anchors, decoders, MODES[mode])
     assert renderer.hits(camera).count.sum() > 3 * 2048
+    first, second = renderer.render(camera), renderer.render(camera)
     np.testing.assert_array_equal(first.rgb, second.rgb)
+    for rendering in map_on_cores(lambda view: renderer.render(view), [camera, camera]):
+        for name in ("rgb", "alpha", "depth"):
+            np.testing.assert_allclose(getattr(rendering, name), getattr(first, name), rtol=2e-6, atol=1e-6)
 
 
 def test_depth_of_one_opaque_anchor_is_where_it_is() -> None:

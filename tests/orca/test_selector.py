@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
 
 import numba
@@ -17,6 +18,7 @@ from orca.config import RenderConfig
 from orca.conventions import Float64Array
 from orca.render import HitList, select, select_brute_force
 from orca.render.selector import ray_anchor_closest_approach
+from orca.threads import map_on_cores
 from tests.orca.anchor_scenes import one_anchor, random_anchors, random_camera
 
 CONFIG = RenderConfig(max_hits=100_000)
@@ -187,22 +189,33 @@ def test_broken_parameters_are_never_hit() -> None:
             assert set(hits.anchor.tolist()) == {1}
 
 
-@pytest.mark.skipif(numba.config.NUMBA_NUM_THREADS < 2, reason="one core")
-def test_thread_count_does_not_change_the_result() -> None:
-    camera = random_camera(2, 80, 50)
-    anchors = random_anchors(2, 600, camera, (0.02, 0.3))
+@pytest.fixture
+def all_threads() -> Iterator[None]:
+    """Puts numba's thread count back; skips where there is one core only."""
     before = numba.get_num_threads()
-    try:
-        results = []
-        for threads in (1, 2):
-            numba.set_num_threads(threads)
-            results.append(select(anchors, camera, RenderConfig(max_hits=8)))
-    finally:
-        numba.set_num_threads(before)
-    one, two = results
+    if before < 2:
+        pytest.skip("one core")
+    yield
+    numba.set_num_threads(before)
+
+
+def _assert_same(one: HitList, two: HitList) -> None:
     for name in ("start", "count", "anchor", "t_hit", "m2", "precision"):
         np.testing.assert_array_equal(getattr(one, name), getattr(two, name))
     assert one.overflow == two.overflow > 0
+
+
+@pytest.mark.usefixtures("all_threads")
+def test_thread_count_and_build_do_not_change_the_result() -> None:
+    """One thread, two threads, and the serial build that workers use, bit for bit."""
+    camera = random_camera(2, 80, 50)
+    anchors = random_anchors(2, 600, camera, (0.02, 0.3))
+    two = select(anchors, camera, RenderConfig(max_hits=8))
+    serial = map_on_cores(lambda n: select(anchors, camera, RenderConfig(max_hits=n)), [8, 8])
+    numba.set_num_threads(1)
+    _assert_same(two, select(anchors, camera, RenderConfig(max_hits=8)))
+    for other in serial:
+        _assert_same(two, other)
 
 
 def test_padded_hits_of_chosen_rays() -> None:
