@@ -1,0 +1,52 @@
+"""Kernels in two builds, and work shared between cores."""
+
+from __future__ import annotations
+
+import numba
+import numpy as np
+import pytest
+import torch
+
+from orca.conventions import Float64Array
+from orca.threads import in_serial_mode, kernel, map_on_cores, single_threaded_torch
+
+
+@kernel()
+def _squares(x: Float64Array) -> Float64Array:
+    """Squares."""
+    out = np.empty_like(x)
+    for i in numba.prange(len(x)):
+        out[i] = x[i] * x[i]
+    return out
+
+
+def test_both_builds_give_the_same() -> None:
+    x = np.arange(100.0)
+    both = [_squares(x), *map_on_cores(lambda _: _squares(x), range(3))]
+    assert all(np.array_equal(result, x * x) for result in both)
+    assert _squares.__doc__ == "Squares."
+
+
+@pytest.mark.skipif(numba.get_num_threads() < 2, reason="one core: nothing is handed to workers")
+def test_workers_are_serial_and_the_caller_is_not() -> None:
+    assert not in_serial_mode()
+    assert map_on_cores(lambda _: (in_serial_mode(), torch.get_num_threads()), range(4)) == [(True, 1)] * 4
+    assert not in_serial_mode()
+
+
+def test_order_is_kept_and_nesting_does_not_hang() -> None:
+    nested = map_on_cores(lambda i: map_on_cores(lambda j: 10 * i + j, range(3)), range(4))
+    assert nested == [[10 * i + j for j in range(3)] for i in range(4)]
+
+
+def test_errors_reach_the_caller() -> None:
+    with pytest.raises(ZeroDivisionError):
+        map_on_cores(lambda i: 1 // i, [1, 0])
+
+
+def test_torch_threads_come_back() -> None:
+    before = torch.get_num_threads()
+    with pytest.raises(KeyError), single_threaded_torch():
+        assert torch.get_num_threads() == 1
+        raise KeyError
+    assert torch.get_num_threads() == before
