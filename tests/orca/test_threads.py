@@ -46,7 +46,12 @@ def test_errors_reach_the_caller() -> None:
 
 def test_torch_threads_come_back() -> None:
     before = torch.get_num_threads()
-    with pytest.raises(KeyError), single_threaded_torch():
-        assert torch.get_num_threads() == 1
-        raise KeyError
+
+    def fail() -> None:
+        with single_threaded_torch():
+            assert torch.get_num_threads() == 1
+            raise KeyError
+
+    with pytest.raises(KeyError):
+        fail()
     assert torch.get_num_threads() == before
