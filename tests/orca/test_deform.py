@@ -25,8 +25,8 @@ from tests.orca.stage_inputs import plane_depth, psnr, random_depth, view
 
 Lifting = Literal["metric", "relative"]
 LIFTINGS: tuple[Lifting, ...] = ("metric", "relative")
-METRIC = DeformConfig(lifting="metric")
-RELATIVE = DeformConfig(lifting="relative")
+METRIC = DeformConfig(lifting="metric", denoise_depth=False)
+RELATIVE = DeformConfig(lifting="relative", denoise_depth=False)
 SMOOTH = replace(RELATIVE, sharpen_depth=False, follow_slope=False)
 
 
@@ -60,7 +60,7 @@ def test_no_projected_mean_moves(seed: int, lifting: Lifting, sharpen: bool, slo
     random = np.random.default_rng(seed)
     camera = view(72, 56, hfov).padded(*random.integers(0, 30, 4).tolist())
     anchors = plane_anchors(camera)
-    config = DeformConfig(lifting=lifting, sharpen_depth=sharpen, follow_slope=slope)
+    config = DeformConfig(lifting=lifting, denoise_depth=False, sharpen_depth=sharpen, follow_slope=slope)
     moved = deform(anchors, random_depth(camera.height, camera.width, random), camera, config)
     before, _ = camera.project(anchors.means.double().numpy())
     after, z = camera.project(moved.means.double().numpy())
@@ -168,7 +168,7 @@ def test_nearness_spans_the_quantiles() -> None:
 def test_nearer_depth_gives_nearer_anchors(seed: int, lifting: Lifting) -> None:
     camera = view(48, 40)
     anchors = plane_anchors(camera)
-    config = DeformConfig(lifting=lifting, sharpen_depth=False)
+    config = DeformConfig(lifting=lifting, denoise_depth=False, sharpen_depth=False)
     depth = random_depth(40, 48, np.random.default_rng(seed))
     sampled = sample_depth(depth, camera.project(anchors.means.double().numpy())[0])
     z = deform(anchors, depth, camera, config).means[:, 2].numpy()

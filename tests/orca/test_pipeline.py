@@ -64,7 +64,7 @@ def test_paper_preset_trains_by_gradient() -> None:
     paper = get_preset("paper")
     config = replace(
         paper,
-        planar=replace(paper.planar, max_iterations=150, anchors_per_pixel=0.25),
+        planar=replace(paper.planar, max_iterations=80, anchors_per_pixel=0.25),
         deform=replace(paper.deform, max_iterations=20),
         train=replace(paper.train, batch_rays=512, eval_every=20),
         repair=replace(paper.repair, rules=replace(paper.repair.rules, max_iterations=2)),
@@ -72,10 +72,10 @@ def test_paper_preset_trains_by_gradient() -> None:
     )
     result = reconstruct(image, input_camera(), estimate(depth), sideways(0.1, 2), config)
     history = result.record["history"]
-    assert history["planar fit"]["iterations"] == 150
+    assert history["planar fit"]["iterations"] == 80
     assert history["fine-tuning"]["iterations"] == 20
     flat = -10 * np.log10(np.square(image - image.mean((0, 1))).mean())
-    assert result.record["input_psnr"]["planar"] > flat + 2
+    assert result.record["input_psnr"]["planar"] > flat + 1
 
 
 def test_canvas_reaches_as_far_as_the_trajectory_looks() -> None:

@@ -19,7 +19,7 @@ def covered(height: int, width: int) -> tuple[np.ndarray, np.ndarray]:
 
 def test_threshold_is_inclusive_for_covered_pixels() -> None:
     alpha, depth = covered(9, 20)
-    alpha[4, 4], alpha[4, 15] = 0.4999, 0.5
+    alpha[4, 4], alpha[4, 15] = 0.7999, 0.8
     assert np.argwhere(disocclusion_mask(alpha, depth, RULES)).tolist() == [[4, 4]]
 
 
