@@ -198,14 +198,12 @@ class RepairConfig:
         views: how many views of the trajectory are watched, evenly spaced (O; 0 watches all of them).
         rules: thresholds of the paper and ours, for 512x512 renders.
         fill: "paper" copies donors, "smooth" continues the background (O).
-        inpainter: name of the inpainter that "generative" repairs use, or "none" for local repair only.
     """
 
     enabled: bool = True
     views: int = 12
     rules: RepairRules = field(default_factory=lambda: RepairRules(max_steps=3, max_iterations=60))
     fill: Literal["paper", "smooth"] = "smooth"
-    inpainter: str = "none"
 
 
 @dataclass(frozen=True)
