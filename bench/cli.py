@@ -14,10 +14,10 @@ import logging
 import os
 import sys
 import traceback
-from collections.abc import Sequence
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING
 
+from bench import arguments
 from orca.errors import OrcaError
 
 if TYPE_CHECKING:
@@ -25,10 +25,11 @@ if TYPE_CHECKING:
 
 __all__ = ["build_parser", "main"]
 
-_VERBS = {
-    "run": "bench.commands.run:run_command",
-    "table": "bench.commands.table:table_command",
-    "list": "bench.commands.list:list_command",
+# What each verb is for, its arguments, and the function that does it, imported when it is called.
+_VERBS: dict[str, tuple[str, Callable[[argparse.ArgumentParser], None], str]] = {
+    "run": ("compute what is missing of a run, print its tables", arguments.add_run, "run:run_command"),
+    "table": ("print tables of a run, or the paper's, from files", arguments.add_table, "table:table_command"),
+    "list": ("say which data sets, methods, ... there are", arguments.add_list, "list:list_command"),
 }
 
 
@@ -41,9 +42,8 @@ def build_parser() -> argparse.ArgumentParser:
     common.add_argument("--json", action="store_true", help="print one JSON document on stdout, all else on stderr")
     common.add_argument("--debug", action="store_true", help="show tracebacks and what is computed why")
     verbs = parser.add_subparsers(dest="verb", required=True, metavar="VERB")
-    _add_run(verbs.add_parser("run", parents=[common], help="compute what is missing of a run, print its tables"))
-    _add_table(verbs.add_parser("table", parents=[common], help="print tables of a run, or the paper's, from files"))
-    _add_list(verbs.add_parser("list", parents=[common], help="say which data sets, methods, ... there are"))
+    for verb, (help_text, add_arguments, _) in _VERBS.items():
+        add_arguments(verbs.add_parser(verb, parents=[common], help=help_text))
     return parser
 
 
@@ -66,8 +66,8 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _call(args: argparse.Namespace) -> Outcome:
-    module, _, function = _VERBS[args.verb].partition(":")
-    outcome: Outcome = getattr(importlib.import_module(module), function)(args)
+    module, _, function = _VERBS[args.verb][2].partition(":")
+    outcome: Outcome = getattr(importlib.import_module(f"bench.commands.{module}"), function)(args)
     return outcome
 
 
@@ -87,38 +87,3 @@ def _report(error: OrcaError, args: argparse.Namespace) -> int:
         message = {"kind": error.kind, "given": error.given, "allowed": error.allowed, "fix": error.fix}
         return _print(json.dumps({"schema_version": 1, "error": message}, indent=1), 2)
     return 2
-
-
-def _add_run(parser: argparse.ArgumentParser) -> None:
-    parser.description = "Compute what is missing, one JSON for each method and scene; finished work is never redone."
-    names: dict[str, Any] = {"action": "append", "metavar": "A,B"}
-    _add_dataset(parser)
-    parser.add_argument("--trajectory", metavar="NAME", help="camera path, or a .json file (the data set's own)")
-    parser.add_argument("--scenes", **names, help="scenes, separated by commas, or repeated (all)")
-    parser.add_argument("--methods", **names, help="methods (those that make sense for the data set)")
-    parser.add_argument("--metrics", **names, help="metrics (all)")
-    parser.add_argument("--preset", default="draft", help="preset of ORCA (draft)")
-    parser.add_argument("--out", type=Path, metavar="DIR", help="folder of the run (runs/DATASET-PRESET)")
-    parser.add_argument("--weights-dir", type=Path, metavar="DIR", help="weights of metrics (DATA_ROOT/weights)")
-    parser.add_argument("--device", default="cpu", help="cpu or cuda (cpu)")
-    parser.add_argument("--seed", type=int, default=0, help="the random seed (0)")
-    parser.add_argument("--retry-failed", action="store_true", help="run failed cells and unavailable scores again")
-
-
-def _add_table(parser: argparse.ArgumentParser) -> None:
-    parser.description = "Print the tables of one or more runs from their files, or the paper's published ones."
-    parser.add_argument("runs", nargs="*", type=Path, metavar="RUN", help="folder of a run")
-    parser.add_argument("--published", action="store_true", help="the paper's three tables")
-    parser.add_argument("--format", choices=("text", "markdown", "csv"), default="text", help="how (text)")
-
-
-def _add_list(parser: argparse.ArgumentParser) -> None:
-    what = ("datasets", "methods", "metrics", "trajectories", "scenes")
-    parser.add_argument("what", choices=what, metavar="WHAT", help=", ".join(what))
-    _add_dataset(parser)
-
-
-def _add_dataset(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--dataset", default="photos", metavar="NAME", help="photos, realmdreamer or folder (photos)")
-    parser.add_argument("--images", type=Path, metavar="DIR", help="images, for --dataset folder")
-    parser.add_argument("--data-root", type=Path, metavar="DIR", help="data ($ORCA_DATA_ROOT, ./data, the user cache)")
