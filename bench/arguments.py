@@ -15,7 +15,7 @@ def add_run(parser: argparse.ArgumentParser) -> None:
     _add_dataset(parser)
     parser.add_argument("--trajectory", metavar="NAME", help="camera path, or a .json file (the data set's own)")
     parser.add_argument("--scenes", **names, help="scenes, separated by commas, or repeated (all)")
-    parser.add_argument("--methods", **names, help="methods (those that make sense for the data set)")
+    parser.add_argument("--methods", **names, help="methods, or your own as NAME=KIND:PATH")
     parser.add_argument("--metrics", **names, help="metrics (all)")
     parser.add_argument("--preset", default="draft", help="preset of ORCA (draft)")
     parser.add_argument("--out", type=Path, metavar="DIR", help="folder of the run (runs/DATASET-PRESET)")

@@ -8,7 +8,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from bench.adapters import METHODS, Adapter, RunOptions
+from bench.adapters import METHODS, Adapter, RunOptions, open_methods
 from bench.cell import Cell, LazyCase
 from bench.datasets.case import Dataset
 from bench.host import host_facts
@@ -30,7 +30,7 @@ class RunRequest:
     Attributes:
         dataset: where the scenes come from.
         scenes: names, in running order; each must be one of ``dataset.scenes()``.
-        methods: method names.
+        methods: method names, or ``NAME=KIND:PATH`` (`bench.adapters.external`).
         metrics: metric ids.
         out: folder of the run.
         options: preset, seed, device and folders, as adapters see them.
@@ -95,9 +95,9 @@ def run_bench(
 
     Raises:
         Unknown: a method or metric that the registries do not know; raised before any work.
-        BadInput: the folder holds another run, or its scenes had other cameras.
+        BadInput: the folder holds another run, or its scenes had other cameras; two methods of one name.
     """
-    adapters = {name: methods.get(name) for name in request.methods}
+    adapters = open_methods(request.methods, methods)
     scorer = Scorer(request.metrics, metrics, request.options.weights_dir, request.options.device)
     store = RunStore(request.out)
     check_same_run(store.load_run(), request.identity, request.out)
@@ -151,7 +151,7 @@ def _run_document(
         "schema_version": SCHEMA_VERSION,
         "identity": request.identity,
         "scenes": added("scenes", request.scenes),
-        "methods": added("methods", request.methods),
+        "methods": added("methods", tuple(versions)),
         "metrics": added("metrics", request.metrics),
         "method_versions": {**old.get("method_versions", {}), **versions},
         "metric_specs": {**old.get("metric_specs", {}), **scorer.specs},

@@ -1,11 +1,11 @@
 """Methods: every way in which frames come in, behind one protocol."""
 
 from bench.adapters.adapter import Adapter, MethodOutput, RunOptions
-from orca.registry import Registry
+from bench.adapters.external import MethodRegistry, open_methods
 
-__all__ = ["METHODS", "Adapter", "MethodOutput", "RunOptions"]
+__all__ = ["METHODS", "Adapter", "MethodOutput", "RunOptions", "open_methods"]
 
-METHODS: Registry[Adapter] = Registry(
+METHODS: MethodRegistry[Adapter] = MethodRegistry(
     "method",
     {
         "orca": "bench.adapters.orca:ORCA",

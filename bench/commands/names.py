@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 
 from orca.errors import BadInput, Unknown
 
@@ -23,8 +23,14 @@ def split_names(given: Sequence[str] | None) -> tuple[str, ...] | None:
     return names
 
 
-def chosen(kind: str, given: Sequence[str] | None, known: Iterable[str], default: Iterable[str]) -> tuple[str, ...]:
-    """The names given, or the default ones.
+def chosen(
+    kind: str,
+    given: Sequence[str] | None,
+    known: Iterable[str],
+    default: Iterable[str],
+    accept: Callable[[str], bool] = lambda name: False,
+) -> tuple[str, ...]:
+    """The names given, or the default ones; a name that ``accept`` takes need not be known.
 
     Raises:
         Unknown: a name that is not known, with the nearest one that is.
@@ -33,6 +39,8 @@ def chosen(kind: str, given: Sequence[str] | None, known: Iterable[str], default
     if names is None:
         return tuple(default)
     for name in names:
+        if accept(name):
+            continue
         if name not in allowed:
             near = difflib.get_close_matches(name, allowed, n=1, cutoff=0.5)
             fix = f"did you mean '{near[0]}'?" if near else f"choose one {kind} of the list"

@@ -8,6 +8,7 @@ import shutil
 from pathlib import Path
 
 from bench.adapters import METHODS, RunOptions
+from bench.adapters.external import is_external
 from bench.commands.names import chosen
 from bench.commands.outcome import Outcome
 from bench.datasets import open_dataset, resolve_data_root
@@ -55,7 +56,7 @@ def run_command(args: argparse.Namespace) -> Outcome:
 
 
 def _request(args: argparse.Namespace) -> RunRequest:
-    methods = chosen("method", args.methods, METHODS, default_methods(args.dataset))
+    methods = chosen("method", args.methods, METHODS, default_methods(args.dataset), is_external)
     metrics = chosen("metric", args.metrics, METRICS, METRICS)
     preset = get_preset(args.preset)
     dataset = open_dataset(args.dataset, data_root=args.data_root, images=args.images, trajectory=args.trajectory)
