@@ -31,13 +31,17 @@ def check_output(case: SceneCase, output: MethodOutput) -> None:
         _check_coverage("coverage", output.coverage, output.frames.shape[:3])
     if output.input_view is not None:
         _check_image("input_view", output.input_view, (None, None, 3))
-    for name, views in (("true_views", output.true_views), ("true_view_coverage", output.true_view_coverage)):
+    per_view = ("true_views", "true_view_coverage", "true_view_depth")
+    for name, views in ((name, getattr(output, name)) for name in per_view):
         if views is not None and len(views) != len(case.true_views):
             raise _wrong(name, f"{len(views)} of them", f"{len(case.true_views)}, one for each true view")
     for view in output.true_views or ():
         _check_image("true_views", view, (None, None, 3))
     for view, alpha in zip(output.true_views or (), output.true_view_coverage or ()):
         _check_coverage("true_view_coverage", alpha, view.shape[:2])
+    for view, depth in zip(output.true_views or (), output.true_view_depth or ()):
+        if not isinstance(depth, np.ndarray) or depth.dtype != np.float32 or depth.shape != view.shape[:2]:
+            raise _wrong("true_view_depth", _described(depth), f"float32 {list(view.shape[:2])}")
 
 
 def _check_image(name: str, image: UInt8Array, shape: tuple[int | None, ...]) -> None:

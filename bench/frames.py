@@ -9,6 +9,7 @@ import zipfile
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -53,7 +54,7 @@ def stored_precision(output: MethodOutput) -> MethodOutput:
 
 
 def save_frames(path: Path, output: MethodOutput) -> None:
-    """Write frames, coverage, input view and true views as PNG streams in one atomic ``.npz``."""
+    """Write frames, coverage, input view and true views as PNG streams, depths raw, in one atomic ``.npz``."""
     arrays: dict[str, NDArray[np.uint8]] = {f"frame_{i:06d}": _encode(f) for i, f in enumerate(output.frames)}
     if output.coverage is not None:
         arrays |= {f"coverage_{i:06d}": _encode(to_uint8(c)) for i, c in enumerate(output.coverage)}
@@ -65,8 +66,12 @@ def save_frames(path: Path, output: MethodOutput) -> None:
     if output.true_view_coverage is not None:
         arrays["true_view_coverage"] = np.zeros(0, np.uint8)
         arrays |= {f"truecoverage_{i:06d}": _encode(to_uint8(c)) for i, c in enumerate(output.true_view_coverage)}
+    depths: dict[str, Float32Array] = {}
+    if output.true_view_depth is not None:
+        arrays["true_view_depth"] = np.zeros(0, np.uint8)
+        depths = {f"truedepth_{i:06d}": d for i, d in enumerate(output.true_view_depth)}
     buffer = io.BytesIO()
-    np.savez(buffer, **arrays)  # type: ignore[arg-type]
+    np.savez(buffer, **arrays, **depths)  # type: ignore[arg-type]
     write_atomic(path, buffer.getvalue())
 
 
@@ -91,7 +96,7 @@ def load_frames(path: Path, record: CellRecord) -> MethodOutput | None:
     return output
 
 
-def _decode_all(arrays: dict[str, NDArray[np.uint8]], record: CellRecord) -> MethodOutput:
+def _decode_all(arrays: dict[str, NDArray[Any]], record: CellRecord) -> MethodOutput:
     def series(prefix: str) -> list[UInt8Array]:
         return [_decode(arrays[key]) for key in sorted(arrays) if key.startswith(prefix + "_")]
 
@@ -103,6 +108,11 @@ def _decode_all(arrays: dict[str, NDArray[np.uint8]], record: CellRecord) -> Met
         true_views=tuple(series("trueview")) if "true_views" in arrays else None,
         true_view_coverage=(
             tuple(to_float(c) for c in series("truecoverage")) if "true_view_coverage" in arrays else None
+        ),
+        true_view_depth=(
+            tuple(arrays[key] for key in sorted(arrays) if key.startswith("truedepth_"))
+            if "true_view_depth" in arrays
+            else None
         ),
         timing=_timing(record),
         model=dict(record.model),

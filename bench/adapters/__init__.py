@@ -10,9 +10,12 @@ METHODS: MethodRegistry[Adapter] = MethodRegistry(
     {
         "orca": "bench.adapters.orca:ORCA",
         "orca-paper": "bench.adapters.orca:ORCA_PAPER",
+        "orca-norepair": "bench.adapters.orca:ORCA_NO_REPAIR",
+        "orca-plainfill": "bench.adapters.orca:ORCA_PLAIN_FILL",
         "vistadream": "bench.adapters.vistadream:VISTADREAM",
         "vistadream-coarse": "bench.adapters.vistadream:VISTADREAM_COARSE",
         "warp": "bench.adapters.warp:WARP",
         "warp-telea": "bench.adapters.warp:WARP_TELEA",
+        "warp-nearest": "bench.adapters.warp:WARP_NEAREST",
     },
 )

@@ -46,6 +46,8 @@ class MethodOutput:
         input_view: render at ``case.camera``, [H, W, 3] uint8; None if the method has none.
         true_views: renders at the cameras of ``case.true_views``, in order; None if the method cannot render there.
         true_view_coverage: accumulated alpha of those renders, or None.
+        true_view_depth: z-depth of those renders in the units of the case, [H, W] float32, not positive where there is
+            none; None if the method has no geometry there.
         timing: seconds per phase ("depth", "fit", "repair", "render", ...); "render_ms_per_frame" where known.
         model: size and make of the model: "anchors", "bytes", "preset", lifting, placement scale and spread, ...
         notes: what a reader of the table must know ("decoded from H.264 crf 23").
@@ -56,6 +58,7 @@ class MethodOutput:
     input_view: UInt8Array | None = None
     true_views: tuple[UInt8Array, ...] | None = None
     true_view_coverage: tuple[Float32Array, ...] | None = None
+    true_view_depth: tuple[Float32Array, ...] | None = None
     timing: dict[str, float] = field(default_factory=dict)
     model: dict[str, Any] = field(default_factory=dict)
     notes: tuple[str, ...] = ()

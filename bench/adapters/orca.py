@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
@@ -14,9 +14,10 @@ from bench.datasets.case import SceneCase
 from orca.conventions import Float32Array, UInt8Array, to_float, to_uint8
 
 if TYPE_CHECKING:
+    from orca.config import ReconstructConfig
     from orca.pipeline import Reconstruction
 
-__all__ = ["ORCA", "ORCA_PAPER", "OrcaMethod"]
+__all__ = ["ORCA", "ORCA_NO_REPAIR", "ORCA_PAPER", "ORCA_PLAIN_FILL", "OrcaMethod"]
 
 CODE_VERSION = "1"  # raised whenever the same configuration would give other frames
 
@@ -29,29 +30,29 @@ class OrcaMethod:
         name: method name.
         lifting: "metric" follows the depth it is given; "relative" is the paper's formula, placed on the trajectory
             by the median ratio of its depth to the reference depth.
+        repair: "preset" does what the preset says, "off" leaves disocclusions open, "paper" fills them by the paper's
+            plain scheme.
     """
 
     name: str
     lifting: Literal["metric", "relative"]
+    repair: Literal["preset", "off", "paper"] = "preset"
 
     def version(self, options: RunOptions) -> str:
         """Code version, preset with every resolved constant, and seed."""
         import hashlib
         import json
 
-        from orca.config import get_preset
-
-        config = get_preset(options.preset).with_lifting(self.lifting).to_json()
+        config = self._config(options).to_json()
         digest = hashlib.sha256(json.dumps(config, sort_keys=True).encode()).hexdigest()[:12]
         return f"orca {CODE_VERSION}, {options.preset} {digest}, {self.lifting} lifting, seed {options.seed}"
 
     def run(self, case: SceneCase, options: RunOptions) -> MethodOutput:
         """Reconstruct the scene, then render every evaluated camera."""
-        from orca.config import get_preset
         from orca.pipeline import reconstruct
         from orca.priors.depth import DepthEstimate
 
-        config = get_preset(options.preset).with_lifting(self.lifting)
+        config = self._config(options)
         novel = case.eval_trajectory.cameras()
         truth = tuple(view.camera for view in case.true_views)
         result = reconstruct(
@@ -71,11 +72,20 @@ class OrcaMethod:
         rendered = []
         for done, camera in enumerate(cameras, start=1):
             view = renderer.render(camera)
-            rendered.append((to_uint8(view.rgb), view.alpha))
+            rendered.append((to_uint8(view.rgb), view.alpha, view.depth))
             options.progress("render", done, len(cameras))
         seconds = time.perf_counter() - started
         timing = {**result.record["seconds"], "render": seconds, "render_ms_per_frame": 1e3 * seconds / len(cameras)}
         return self._output(rendered, len(novel), timing, self._model(result, options))
+
+    def _config(self, options: RunOptions) -> ReconstructConfig:
+        """The preset with this method's lifting and repair."""
+        from orca.config import get_preset
+
+        config = get_preset(options.preset).with_lifting(self.lifting)
+        if self.repair == "off":
+            return replace(config, repair=replace(config.repair, enabled=False))
+        return config if self.repair == "preset" else replace(config, repair=replace(config.repair, fill="paper"))
 
     def _model(self, result: Reconstruction, options: RunOptions) -> dict[str, object]:
         """Size and make of the scene; the scene file is kept where the run has a place for it."""
@@ -94,18 +104,19 @@ class OrcaMethod:
 
     def _output(
         self,
-        rendered: Sequence[tuple[UInt8Array, Float32Array]],
+        rendered: Sequence[tuple[UInt8Array, Float32Array, Float32Array]],
         novel: int,
         timing: dict[str, float],
         model: dict[str, object],
     ) -> MethodOutput:
-        rgb, alpha = [r for r, _ in rendered], [a for _, a in rendered]
+        rgb, alpha, depth = zip(*rendered, strict=True)
         return MethodOutput(
             frames=np.stack(rgb[:novel]),
             coverage=np.stack(alpha[:novel]),
             input_view=rgb[novel],
             true_views=tuple(rgb[novel + 1 :]),
             true_view_coverage=tuple(alpha[novel + 1 :]),
+            true_view_depth=tuple(depth[novel + 1 :]),
             timing=timing,
             model=model,
         )
@@ -113,3 +124,5 @@ class OrcaMethod:
 
 ORCA = OrcaMethod("orca", "metric")
 ORCA_PAPER = OrcaMethod("orca-paper", "relative")
+ORCA_NO_REPAIR = OrcaMethod("orca-norepair", "metric", "off")
+ORCA_PLAIN_FILL = OrcaMethod("orca-plainfill", "metric", "paper")

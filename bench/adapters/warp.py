@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass
+from typing import Literal
 
 import cv2
 import numpy as np
@@ -15,7 +16,7 @@ from bench.warping import forward_splat
 from orca.camera import Camera
 from orca.conventions import Float32Array, UInt8Array
 
-__all__ = ["WARP", "WARP_TELEA", "Warp"]
+__all__ = ["WARP", "WARP_NEAREST", "WARP_TELEA", "Warp"]
 
 TELEA_RADIUS = 3
 
@@ -26,18 +27,18 @@ class Warp:
 
     Attributes:
         name: method name.
-        fill_holes: inpaint each frame's holes (Telea 2004, radius 3 px).
+        fill: what becomes of holes, frame by frame: "none" leaves them black, "telea" inpaints them (Telea 2004,
+            radius 3 px), "nearest" copies the nearest pixel that is no hole.
     """
 
     name: str
-    fill_holes: bool
+    fill: Literal["none", "telea", "nearest"]
 
     def version(self, options: RunOptions) -> str:
         """What the frames depend on; no preset and no seed among it."""
         splat = "warp 1: nearest splat, z-buffer"
-        return (
-            f"{splat}; cv2.inpaint Telea radius {TELEA_RADIUS}, opencv {cv2.__version__}" if self.fill_holes else splat
-        )
+        telea = f"; cv2.inpaint Telea radius {TELEA_RADIUS}, opencv {cv2.__version__}"
+        return splat + {"none": "", "telea": telea, "nearest": "; nearest fill"}[self.fill]
 
     def run(self, case: SceneCase, options: RunOptions) -> MethodOutput:
         """Warp the input onto the evaluated cameras and the true views' cameras. Raises `BadInput` for a bad case."""
@@ -70,18 +71,21 @@ class Warp:
         splat = forward_splat(case.image, case.depth, case.camera, camera)
         splatted = time.perf_counter()
         clock["render"] += splatted - started
-        if not self.fill_holes:
+        if self.fill == "none":
             return splat.rgb, splat.hit.astype(np.float32)
-        filled = _inpaint(splat.rgb, splat.hit)
+        filled = (_inpaint if self.fill == "telea" else _nearest)(splat.rgb, splat.hit)
         clock["inpaint"] = clock.get("inpaint", 0.0) + time.perf_counter() - splatted
         return filled, np.ones(splat.hit.shape, np.float32)
 
     def _notes(self, case: SceneCase) -> tuple[str, ...]:
         depth = f"warped with the reference depth ({case.depth_source})"
         view = "the input view is the input itself"
-        if not self.fill_holes:
+        if self.fill == "none":
             return depth, view, "holes, cracks included, are black"
-        return depth, view, f"holes inpainted by Telea, radius {TELEA_RADIUS} px, each frame alone: coverage is 1"
+        how = (
+            f"inpainted by Telea, radius {TELEA_RADIUS} px" if self.fill == "telea" else "filled with the nearest pixel"
+        )
+        return depth, view, f"holes {how}, each frame alone: coverage is 1"
 
 
 def _inpaint(rgb: UInt8Array, hit: NDArray[np.bool_]) -> UInt8Array:
@@ -90,5 +94,17 @@ def _inpaint(rgb: UInt8Array, hit: NDArray[np.bool_]) -> UInt8Array:
     return np.asarray(cv2.inpaint(rgb, (~hit).astype(np.uint8), TELEA_RADIUS, cv2.INPAINT_TELEA), np.uint8)
 
 
-WARP = Warp("warp", fill_holes=False)
-WARP_TELEA = Warp("warp-telea", fill_holes=True)
+def _nearest(rgb: UInt8Array, hit: NDArray[np.bool_]) -> UInt8Array:
+    if not hit.any():
+        return rgb
+    _, labels = cv2.distanceTransformWithLabels(
+        (~hit).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_5, labelType=cv2.DIST_LABEL_PIXEL
+    )
+    table = np.zeros((int(labels.max()) + 1, 3), np.uint8)
+    table[labels[hit]] = rgb[hit]
+    return np.asarray(table[labels])
+
+
+WARP = Warp("warp", "none")
+WARP_TELEA = Warp("warp-telea", "telea")
+WARP_NEAREST = Warp("warp-nearest", "nearest")

@@ -12,10 +12,13 @@ __all__ = ["METHOD_DESCRIPTIONS", "METRIC_DESCRIPTIONS", "list_command"]
 METHOD_DESCRIPTIONS = {
     "orca": "ORCA with metric lifting: distances proportional to the depth it is given",
     "orca-paper": "ORCA with the paper's relative lifting, placed on the path by the median depth ratio",
+    "orca-norepair": "ORCA without repair: disocclusions stay open",
+    "orca-plainfill": "ORCA with the paper's plain local fill",
     "vistadream": "VistaDream's published videos after refinement, decoded (realmdreamer only)",
     "vistadream-coarse": "VistaDream's published videos before refinement, decoded (realmdreamer only)",
     "warp": "the input, forward-warped with the reference depth; holes stay black",
     "warp-telea": "the same, holes filled by Telea inpainting frame by frame",
+    "warp-nearest": "the same, holes filled with the nearest pixel frame by frame",
 }
 
 METRIC_DESCRIPTIONS = {
@@ -24,6 +27,7 @@ METRIC_DESCRIPTIONS = {
     "psnr": "PSNR against a real second view, dB",
     "ssim": "SSIM against a real second view",
     "hole_psnr": "PSNR against a real second view where the input shows nothing, dB",
+    "hidden_depth": "share of filled pixels that lie nearer to what was hidden than to what hid it (synthetic only)",
     "input_psnr": "PSNR of the input view, dB",
     "hole_fraction": "share of pixels that the method leaves empty",
     "visible_psnr": "PSNR of novel views where their content is visible in the input, dB",

@@ -14,6 +14,7 @@ from bench.commands.outcome import Outcome
 from bench.datasets import open_dataset, resolve_data_root
 from bench.measured import read_runs
 from bench.metrics import METRICS
+from bench.pairs import pairs_table
 from bench.progress import BarReporter
 from bench.runner import RunRequest, RunSummary, run_bench
 from bench.tables import dataset_table, scene_table, write_tables
@@ -22,13 +23,16 @@ from orca.errors import BadInput
 
 __all__ = ["default_methods", "run_command"]
 
-# VistaDream published frames of these scenes only.
-_PUBLISHED_ONLY = {"realmdreamer": ("vistadream", "vistadream-coarse")}
+# VistaDream published frames of these scenes only; what repair gains is asked where hidden content is known.
+_ONLY_BY_DEFAULT = {
+    "realmdreamer": ("vistadream", "vistadream-coarse"),
+    "synthetic": ("orca-norepair", "orca-plainfill", "warp-nearest"),
+}
 
 
 def default_methods(dataset: str) -> tuple[str, ...]:
     """The methods that make sense for a data set."""
-    tied = {name: data for data, names in _PUBLISHED_ONLY.items() for name in names}
+    tied = {name: data for data, names in _ONLY_BY_DEFAULT.items() for name in names}
     return tuple(name for name in METHODS if tied.get(name, dataset) == dataset)
 
 
@@ -37,10 +41,10 @@ def run_command(args: argparse.Namespace) -> Outcome:
     request = _request(args)
     summary = run_bench(request, BarReporter())
     run = read_runs([request.out])
-    tables = (dataset_table(run), scene_table(run))
+    tables = (dataset_table(run), scene_table(run), *([pairs_table(run)] if len(run.methods) > 1 else []))
     written = write_tables(request.out / "tables", tables)
     width = max(120, shutil.get_terminal_size((120, 24)).columns)
-    lines = [table.to_text(width) for table in reversed(tables)]
+    lines = [table.to_text(width) for table in reversed(tables[:2])]
     lines.append(_summary_line(summary))
     lines += [f"wrote {path}" for path in written]
     document = {
@@ -77,13 +81,16 @@ def _request(args: argparse.Namespace) -> RunRequest:
         scenes=scenes,
         methods=methods,
         metrics=metrics,
-        out=args.out or Path("runs") / f"{args.dataset}-{args.preset}",
+        out=args.out or Path("runs") / f"{args.dataset}-{args.preset}{'-codec' if args.codec_match else ''}",
         options=options,
         images=args.images,
         trajectory=args.trajectory,
         retry_failed=args.retry_failed,
         command=shlex.join(["python", "-m", "bench", *(a for a in args.argv if a not in ("--json", "--debug"))]),
         preset_config=preset.to_json(),
+        argv=tuple(args.argv),
+        codec_match=args.codec_match,
+        score_cache=args.score_cache,
     )
 
 

@@ -18,17 +18,22 @@ __all__ = ["Dataset", "SceneCase", "TrueView"]
 
 @dataclass(frozen=True, eq=False)
 class TrueView:
-    """A real photograph of the scene from another place.
+    """The true look of the scene from another place: a photograph, or an exact rendering of a synthetic scene.
 
     Attributes:
         camera: where it was taken, in the units of the case.
         image: [H, W, 3] uint8.
         hidden: [H, W] bool, pixels that no input pixel reaches (BENCH.md, `hole_psnr`).
+        depth: true z-depth in the units of the case, [H, W] float32; None where nobody knows it.
+        occluder_depth: z-depth, in this view, of what hid a hidden pixel's point from the input; NaN where there is
+            none or it is the same object, [H, W] float32; None where nobody knows it.
     """
 
     camera: Camera
     image: UInt8Array
     hidden: NDArray[np.bool_]
+    depth: Float32Array | None = None
+    occluder_depth: Float32Array | None = None
 
 
 @dataclass(frozen=True, eq=False)

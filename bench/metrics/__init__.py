@@ -13,6 +13,7 @@ METRICS: Registry[type[Metric]] = Registry(
         "psnr": "bench.metrics.reference:TrueViewScores",
         "ssim": "bench.metrics.reference:TrueViewScores",
         "hole_psnr": "bench.metrics.reference:TrueViewScores",
+        "hidden_depth": "bench.metrics.hidden:HiddenDepth",
         "input_psnr": "bench.metrics.reference:InputPsnr",
         "hole_fraction": "bench.metrics.coverage:HoleFraction",
         "visible_psnr": "bench.metrics.visible:VisiblePsnr",

@@ -37,7 +37,7 @@ def check_case(case: SceneCase) -> None:
 
 
 def test_catalogue() -> None:
-    assert list(DATASETS) == list(DATASET_DESCRIPTIONS) == ["photos", "realmdreamer", "folder"]
+    assert list(DATASETS) == list(DATASET_DESCRIPTIONS) == ["photos", "realmdreamer", "synthetic", "folder"]
     with pytest.raises(Unknown, match="did you mean 'photos'"):
         open_dataset("photo")
 
