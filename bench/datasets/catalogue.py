@@ -42,7 +42,7 @@ DATASETS: Registry[Callable[[DatasetOptions], Dataset]] = Registry(
 DATASET_DESCRIPTIONS: dict[str, str] = {
     "photos": "5 photographs of the scikit-image package, one with true depth and a real second view; no download",
     "realmdreamer": "the 11 RealmDreamer images with depth, along VistaDream's published path; needs a data root",
-    "synthetic": "20 seeds of textured planes, boxes and poles, twice: exact depth, views and hidden masks; no download",
+    "synthetic": "20 seeds of textured planes, boxes and poles, twice: exact depth, views, hidden masks; no download",
     "folder": "any folder of images (--images DIR), with depth maps beside them where you have them",
 }
 
