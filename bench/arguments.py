@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-__all__ = ["add_list", "add_run", "add_table"]
+__all__ = ["add_compare", "add_list", "add_run", "add_table", "add_verify"]
 
 
 def add_run(parser: argparse.ArgumentParser) -> None:
@@ -22,14 +22,43 @@ def add_run(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--weights-dir", type=Path, metavar="DIR", help="weights of metrics (DATA_ROOT/weights)")
     parser.add_argument("--device", default="cpu", help="cpu or cuda (cpu)")
     parser.add_argument("--seed", type=int, default=0, help="the random seed (0)")
+    parser.add_argument("--codec-match", action="store_true", help="send all frames through VistaDream's H.264 first")
+    parser.add_argument("--score-cache", type=Path, metavar="DIR", help="scores by content (cache/scores in the run)")
     parser.add_argument("--retry-failed", action="store_true", help="run failed cells and unavailable scores again")
 
 
 def add_table(parser: argparse.ArgumentParser) -> None:
-    parser.description = "Print the tables of one or more runs from their files, or the paper's published ones."
+    parser.description = "Print the tables of runs from their files, or the paper's published ones, or both."
+    columns: dict[str, Any] = {"action": "append", "metavar": "A,B"}
     parser.add_argument("runs", nargs="*", type=Path, metavar="RUN", help="folder of a run")
-    parser.add_argument("--published", action="store_true", help="the paper's three tables")
-    parser.add_argument("--format", choices=("text", "markdown", "csv"), default="text", help="how (text)")
+    parser.add_argument(
+        "--published", action="store_true", help="the paper's tables; with RUN, beside what it measured"
+    )
+    parser.add_argument("--paper", action="store_true", help="the rows and columns of the paper's tables")
+    parser.add_argument("--columns", **columns, help="these metrics and costs only")
+    parser.add_argument("--intervals", action="store_true", help="95 %% bootstrap intervals behind the means")
+    parser.add_argument("--against", metavar="METHOD", help="this method in the table of pairs (the first)")
+    parser.add_argument("--only", metavar="NAME", help="one of the tables: dataset, scenes, pairs, published_tsed, ...")
+    formats = ("text", "markdown", "latex", "csv", "json")
+    parser.add_argument("--format", choices=formats, default="text", help="how (text); latex is a whole document")
+    parser.add_argument("--write", type=Path, metavar="DIR", help="write every format into this folder too")
+
+
+def add_compare(parser: argparse.ArgumentParser) -> None:
+    parser.description = "Say what moved from run A to run B; exit code 1 on a regression."
+    limits: dict[str, Any] = {"action": "append", "metavar": "X"}
+    parser.add_argument("run_a", type=Path, metavar="RUN_A", help="folder of the run before")
+    parser.add_argument("run_b", type=Path, metavar="RUN_B", help="folder of the run after")
+    parser.add_argument("--threshold", **limits, help="a share of A's mean (0.01), or METRIC=AMOUNT; may be repeated")
+    parser.add_argument("--all", action="store_true", help="show what did not move too")
+    parser.add_argument("--format", choices=("text", "markdown"), default="text", help="how (text)")
+
+
+def add_verify(parser: argparse.ArgumentParser) -> None:
+    parser.description = "Recheck seals, frames, cameras and inputs of a run; exit code 1 and a line for each fault."
+    parser.add_argument("run", type=Path, metavar="RUN", help="folder of a run")
+    parser.add_argument("--data-root", type=Path, metavar="DIR", help="where the data lie now (where they lay then)")
+    parser.add_argument("--quick", action="store_true", help="do not decode the stored frames")
 
 
 def add_list(parser: argparse.ArgumentParser) -> None:

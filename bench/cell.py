@@ -5,14 +5,18 @@ from __future__ import annotations
 import logging
 import time
 from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
 
 from bench.adapters import Adapter, MethodOutput, RunOptions
 from bench.checks import check_output
+from bench.codec import ALREADY_CODED, CODEC, coded_before, coded_output
 from bench.datasets.case import Dataset, SceneCase
 from bench.frames import frame_hashes, load_frames, save_frames, stored_precision
 from bench.host import host_facts
 from bench.plan import Work, work_left
 from bench.progress import Reporter
+from bench.provenance import case_hashes, input_files, output_hashes
 from bench.record import FAILED, CellRecord, Failure
 from bench.scoring import Scorer
 from bench.store import RunStore
@@ -61,6 +65,8 @@ class Cell:
         scorer: the metrics asked for.
         reporter: hears of the progress.
         retry_failed: run what failed again.
+        codec_match: send every picture through `bench.codec` before anything is scored.
+        folders: data root and folder of images, for the hashes of the input files.
     """
 
     dataset: str
@@ -73,6 +79,8 @@ class Cell:
     scorer: Scorer
     reporter: Reporter
     retry_failed: bool = False
+    codec_match: bool = False
+    folders: tuple[Path | None, Path | None] = (None, None)
     _phase: str = field(default="load", init=False)
 
     @property
@@ -108,19 +116,20 @@ class Cell:
         record = replace(record, host=host_facts(self.options.device))
         try:
             case = self.case.get()
-            record = replace(record, trajectory_sha256=case.trajectory.sha256)
+            record = replace(record, trajectory_sha256=case.trajectory.sha256, inputs=self._inputs(case))
             self._tell("method", 0, 1)
             started = time.perf_counter()
             output = self.adapter.run(case, self._options())
             wall = time.perf_counter() - started
             self._tell("check", 0, 1)
             check_output(case, output)
+            codec, output = self._coded(output)
         except Exception as error:  # noqa: BLE001 - a failure is a result: typed, stored, and a cell of the table
             _log.debug("%s %s failed", self.scene, self.name, exc_info=error)
             return replace(record, failure=Failure.of(error, self._phase)), None
         finally:
             self.store.drop_empty_work_dir(self.name, self.scene)
-        output = stored_precision(output)
+        output, record = stored_precision(output), replace(record, codec=codec)
         save_frames(self.store.frames_path(self.name, self.scene), output)
         self.store.save_trajectory(case.trajectory)
         return self._described(record, case, output, wall), output
@@ -138,6 +147,7 @@ class Cell:
         return replace(
             record,
             frames=frames,
+            views=output_hashes(output),
             timing=timing,
             model={"depth_source": case.depth_source, "fov_source": case.fov_source, **output.model},
             notes=tuple(output.notes),
@@ -151,7 +161,7 @@ class Cell:
             case = self.case.get()
         except Exception as error:  # noqa: BLE001 - the finished scores stay; the missing ones say why
             return self._keep(record, work.metrics, error)
-        self._check_cameras(record, case)
+        self._check_case(record, case)
         output = load_frames(self.store.frames_path(self.name, self.scene), record)
         if output is not None:
             return self._score(record, case, output, work.metrics)
@@ -177,6 +187,31 @@ class Cell:
         record = replace(record, scores=record.scores | self.scorer.failed_scores(metrics, error))
         self.store.save(record)
         return record
+
+    def _coded(self, output: MethodOutput) -> tuple[str | None, MethodOutput]:
+        """What the pictures went through, and the pictures after it."""
+        if coded_before(self.version):
+            return ALREADY_CODED, output
+        if not self.codec_match:
+            return None, output
+        self._tell("codec", 0, 1)
+        return CODEC, coded_output(output)
+
+    def _inputs(self, case: SceneCase) -> dict[str, Any]:
+        folders = (self.dataset, self.name.partition("-")[0])
+        return {**case_hashes(case), "files": input_files(*self.folders, folders, self.scene)}
+
+    def _check_case(self, record: CellRecord, case: SceneCase) -> None:
+        """New scores must be of the scene that the stored frames are of."""
+        self._check_cameras(record, case)
+        now = case_hashes(case)
+        changed = [part for part, known in record.inputs.items() if part in now and now[part] != known]
+        if changed:
+            raise BadInput(
+                f"the {' and '.join(changed)} of scene {self.scene} changed since {self.name} ran in {self.store.root}",
+                f"the scene that {self.name} was given then",
+                "put the old files back, give another --out, or delete the old run",
+            )
 
     def _check_cameras(self, record: CellRecord, case: SceneCase) -> None:
         indices = tuple(frame.index for frame in record.frames)

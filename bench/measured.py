@@ -7,6 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from bench.codec import ALREADY_CODED, coded_before
+from bench.digest import broken_seals, is_sealed
 from bench.record import FAILED, CellRecord
 from bench.store import RunStore
 from bench.trajectories import first_difference
@@ -25,6 +27,7 @@ class Column:
     title: str
     decimals: int
     higher_is_better: bool | None
+    variant: str = ""
 
 
 COSTS = (
@@ -53,7 +56,7 @@ class Measured:
         methods: row labels.
         columns: the metrics.
         records: (label, scene) -> result; a pair that was not run is absent.
-        caption: command, preset, data set, machine, threads and date, a line each run.
+        caption: command, preset, data set, machine, threads and date, a line each run; what the frames went through.
     """
 
     dataset: str
@@ -88,29 +91,38 @@ def read_runs(roots: Sequence[Path]) -> Measured:
     """Read one or more run folders over the same data set; a method of several runs gets the folder's name.
 
     Raises:
-        BadInput: no such run, another data set, other cameras for the same scene, or one metric in two variants.
+        BadInput: no such run, another data set, other cameras for the same scene, one metric in two variants, or
+            frames with and without codec matching.
     """
     stores = [RunStore(root) for root in roots]
     runs = [_run_document(store) for store in stores]
     datasets = [str(run["identity"]["dataset"]) for run in runs]
-    if len(set(datasets)) > 1:
-        raise BadInput(
-            f"runs over {', '.join(datasets)}", "runs over one data set in one table", "print them one by one"
-        )
+    _check_same(datasets, "runs over", "runs over one data set", "print them one by one")
+    codecs = [str(run["identity"]["codec"]) for run in runs]
+    _check_same(codecs, "frames with codec", "one treatment of frames", "bench compare sets two such runs side by side")
     records: dict[tuple[str, str], CellRecord] = {}
     methods: list[str] = []
+    edited: list[Path] = []
     for store, run in zip(stores, runs, strict=True):
         others = {name for other in runs if other is not run for name in other["methods"]}
         labels = {name: f"{name} ({store.root.name})" if name in others else name for name in run["methods"]}
         methods += labels.values()
-        found = [record for record in store.records() if record.method in labels and record.scene in run["scenes"]]
-        records |= {(labels[record.method], record.scene): record for record in found}
+        for path, document in store.documents():
+            record = CellRecord.from_json(document, str(path))
+            if record.method in labels and record.scene in run["scenes"]:
+                records[labels[record.method], record.scene] = record
+                edited += [path] if is_sealed(document) and broken_seals(document) else []
     _check_cameras(records, stores)
     scenes = tuple(dict.fromkeys(scene for run in runs for scene in run["scenes"]))
     ids = dict.fromkeys(metric_id for run in runs for metric_id in run["metrics"])
     columns = tuple(_column(metric_id, records.values(), runs) for metric_id in ids)
-    caption = (*(_caption(run) for run in runs), *_version_notes(records))
+    caption = (*map(_caption, runs), *_codec_notes(runs, records), *_version_notes(records), *_edit_notes(edited))
     return Measured(datasets[0], scenes, tuple(methods), columns, records, caption)
+
+
+def _check_same(values: Sequence[str], what: str, allowed: str, fix: str) -> None:
+    if len(set(values)) > 1:
+        raise BadInput(f"{what} {', '.join(values)}", f"{allowed} in one table", fix)
 
 
 def _run_document(store: RunStore) -> dict[str, Any]:
@@ -160,7 +172,9 @@ def _column(metric_id: str, records: Iterable[CellRecord], runs: Sequence[dict[s
             "run again with the same version of the bench into a new --out",
         )
     spec = specs[0] if specs else next(r["metric_specs"][metric_id] for r in runs if metric_id in r["metric_specs"])
-    return Column(metric_id, str(spec["title"]), int(spec["decimals"]), bool(spec["higher_is_better"]))
+    return Column(
+        metric_id, str(spec["title"]), int(spec["decimals"]), bool(spec["higher_is_better"]), str(spec["variant"])
+    )
 
 
 def _cost(record: CellRecord, key: str) -> Value:
@@ -173,6 +187,25 @@ def _cost(record: CellRecord, key: str) -> Value:
         return untimed if milliseconds is None else Value(float(milliseconds))
     phases = record.timing.get("phases", {})
     return Value(sum(phases.values())) if phases else Value(None, NOT_APPLICABLE, "frames were read, not rendered here")
+
+
+def _codec_notes(runs: Sequence[Mapping[str, Any]], records: Mapping[tuple[str, str], CellRecord]) -> list[str]:
+    """Say what the frames of a matched run went through; a run without it says which methods' frames were coded."""
+    codec = runs[0]["identity"]["codec"]
+    coded = dict.fromkeys(label for (label, _), r in records.items() if r.failure is None and _was_coded(r))
+    before = f"{', '.join(coded)}: {ALREADY_CODED}." if coded else ""
+    if codec is None:
+        return [f"Frames as rendered, no codec. {before}"] if coded else []
+    return [f"Codec match: every method's frames went through {codec} before any metric. {before}".strip()]
+
+
+def _was_coded(record: CellRecord) -> bool:
+    return coded_before(record.method_version)
+
+
+def _edit_notes(edited: Sequence[Path]) -> list[str]:
+    """A table made of edited files must not look like one made of measured ones."""
+    return [f"NOT AS MEASURED: {path} was changed after it was written (bench verify)" for path in edited]
 
 
 def _version_notes(records: Mapping[tuple[str, str], CellRecord]) -> list[str]:
@@ -196,5 +229,5 @@ def _caption(run: Mapping[str, Any]) -> str:
     return (
         f"{command}. Data set {identity['dataset']}{path}, preset {identity['preset']}, seed {identity['seed']}. "
         f"{host.get('cpu')}, {host.get('cores')} cores, {host.get('threads')} threads, {identity['device']}. "
-        f"{str(run.get('started', ''))[:10]}."
+        f"{str(run['timing'].get('started', ''))[:10]}."
     )

@@ -13,7 +13,7 @@ from orca.errors import BadInput
 __all__ = ["IDENTITY", "Work", "check_same_run", "work_left"]
 
 # What fixes the frames of every cell of a run; another value of one of these is another run.
-IDENTITY = ("dataset", "images", "trajectory", "preset", "seed", "device")
+IDENTITY = ("dataset", "images", "trajectory", "preset", "seed", "device", "codec")
 
 
 @dataclass(frozen=True)
@@ -65,7 +65,7 @@ def check_same_run(stored: Mapping[str, Any] | None, identity: Mapping[str, Any]
     """Refuse to mix two runs in one folder.
 
     Raises:
-        BadInput: the folder holds a run with another data set, trajectory, preset, seed or device.
+        BadInput: the folder holds a run with another data set, trajectory, preset, seed, device or codec.
     """
     if stored is None:
         return

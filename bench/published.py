@@ -10,12 +10,13 @@ from importlib import resources
 from bench.tableformat import Head, Row, Table, TableCell
 from orca.errors import Unknown
 
-__all__ = ["PUBLISHED", "published_tables", "read_published"]
+__all__ = ["DATASET_TITLES", "METHOD_TITLES", "METRIC_TITLES", "PUBLISHED", "published_tables", "read_published"]
 
 # Table number of the paper -> file name in reports/published.
 PUBLISHED = {1: "table1_datasets.csv", 2: "table2_realmdreamer_scenes.csv", 3: "table3_tsed.csv"}
 
-_METRICS = {
+# The paper's headings and names.
+METRIC_TITLES = {
     "musiq": "MUSIQ",
     "clipiqa": "CLIP-IQA",
     "noise_free": "NF",
@@ -25,8 +26,8 @@ _METRICS = {
     "quality": "Quality",
     "tsed": "TSED",
 }
-_METHODS = {"vistadream": "VistaDream", "orca": "Ours"}
-_DATASETS = {"div2k": "DIV2K", "realmdreamer": "RealmDreamer"}
+METHOD_TITLES = {"vistadream": "VistaDream", "orca": "Ours"}
+DATASET_TITLES = {"div2k": "DIV2K", "realmdreamer": "RealmDreamer"}
 
 
 def read_published(table: int) -> list[dict[str, str]]:
@@ -47,7 +48,7 @@ def published_tables() -> tuple[Table, Table, Table]:
         "Paper, Table 1: quantitative comparison with VistaDream on DIV2K and RealmDreamer (published)",
         read_published(1),
         "dataset",
-        lambda name: _DATASETS[name],
+        lambda name: DATASET_TITLES[name],
     )
     second = _grouped(
         "published_realmdreamer_scenes",
@@ -60,14 +61,14 @@ def published_tables() -> tuple[Table, Table, Table]:
 
 
 def _grouped(name: str, title: str, rows: list[dict[str, str]], group: str, shown: Callable[[str], str]) -> Table:
-    keys = [key for key in rows[0] if key in _METRICS]
+    keys = [key for key in rows[0] if key in METRIC_TITLES]
     out, last = [], ""
     for row in rows:
         rivals = [other for other in rows if other[group] == row[group] and other is not row]
         cells = tuple(_cell(row[key], [rival[key] for rival in rivals]) for key in keys)
-        out.append(Row((shown(row[group]), _METHODS[row["method"]]), cells, group_start=row[group] != last))
+        out.append(Row((shown(row[group]), METHOD_TITLES[row["method"]]), cells, group_start=row[group] != last))
         last = row[group]
-    heads = tuple(Head(key, f"{_METRICS[key]} ↑") for key in keys)
+    heads = tuple(Head(key, f"{METRIC_TITLES[key]} ↑") for key in keys)
     return Table(name, title, (group.capitalize(), "Method"), heads, tuple(out))
 
 
@@ -79,8 +80,8 @@ def _tsed_table() -> Table:
     for dataset in dict.fromkeys(row["dataset"] for row in rows):
         values = [found[dataset, method] for method in methods]
         cells = tuple(_cell(value, values[:i] + values[i + 1 :]) for i, value in enumerate(values))
-        lines.append(Row((_DATASETS[dataset],), cells))
-    heads = tuple(Head(method, _METHODS[method]) for method in methods)
+        lines.append(Row((DATASET_TITLES[dataset],), cells))
+    heads = tuple(Head(method, METHOD_TITLES[method]) for method in methods)
     title = "Paper, Table 3: geometric consistency, TSED ↑, on DIV2K and RealmDreamer (published)"
     return Table("published_tsed", title, ("Dataset",), heads, tuple(lines))
 

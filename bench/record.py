@@ -12,12 +12,14 @@ from typing import Any
 
 import numpy as np
 
+from bench.digest import sealed, unsealed
 from bench.metrics.metric import MetricSpec, Score
 from orca.errors import BadInput, OrcaError
 
-__all__ = ["FAILED", "SCHEMA_VERSION", "CellRecord", "Failure", "ScoreRecord", "StoredFrame", "jsonable"]
+__all__ = ["FAILED", "READABLE", "SCHEMA_VERSION", "CellRecord", "Failure", "ScoreRecord", "StoredFrame", "jsonable"]
 
-SCHEMA_VERSION = 1
+READABLE = (1, 2)
+SCHEMA_VERSION = 2  # 2: inputs, views, codec and the seal of `bench.digest`
 
 OK, NOT_APPLICABLE, UNAVAILABLE, FAILED = "ok", "not_applicable", "unavailable", "failed"
 
@@ -145,7 +147,11 @@ class CellRecord:
         method_version: `Adapter.version` when it ran.
         trajectory_sha256: hash of the full path; None when the scene could not be loaded.
         scores: metric id -> score; empty for a failure.
-        frames: the evaluated frames, in order.
+        frames: the evaluated frames, in order, as they were scored.
+        views: hashes of the method's other views and coverage (`bench.provenance.output_hashes`).
+        inputs: hashes of what the method was given (`bench.provenance.case_hashes`), and under "files" those of the
+            files that it came from; empty in a result of schema version 1.
+        codec: what the frames went through before they were scored; None for nothing.
         timing: "phases" (seconds, as the method gave them), "wall_s" (the whole call), "load_s",
             "render_ms_per_frame", and "metrics" (seconds per metric family).
         host: machine facts of `bench.host`.
@@ -161,6 +167,9 @@ class CellRecord:
     trajectory_sha256: str | None
     scores: dict[str, ScoreRecord] = field(default_factory=dict)
     frames: tuple[StoredFrame, ...] = ()
+    views: dict[str, str] = field(default_factory=dict)
+    inputs: dict[str, Any] = field(default_factory=dict)
+    codec: str | None = None
     timing: dict[str, Any] = field(default_factory=dict)
     host: dict[str, Any] = field(default_factory=dict)
     model: dict[str, Any] = field(default_factory=dict)
@@ -174,22 +183,26 @@ class CellRecord:
         return self.failure is not None or any(score.status == FAILED for score in self.scores.values())
 
     def to_json(self) -> dict[str, Any]:
-        """Plain data, readable by `from_json`."""
+        """Plain data under a seal, readable by `from_json`."""
         document = jsonable(asdict(self))
         if not isinstance(document, dict):
             raise TypeError("a record is a JSON object")
-        return {"schema_version": document.pop("schema_version"), **document}
+        return sealed({"schema_version": document.pop("schema_version"), **document})
 
     @staticmethod
     def from_json(document: dict[str, Any], source: str) -> CellRecord:
-        """Read what `to_json` wrote; ``source`` names the file in the `BadInput` of a broken one."""
+        """Read what `to_json` wrote, now or in an older schema version; the seal is `bench verify`'s affair.
+
+        ``source`` names the file in the `BadInput` of a broken one.
+        """
         try:
-            if document["schema_version"] != SCHEMA_VERSION:
+            if document["schema_version"] not in READABLE:
                 raise ValueError(f"schema_version {document['schema_version']}")
             failure = document.get("failure")
             return CellRecord(
                 **{
-                    **document,
+                    **unsealed(document),
+                    "schema_version": SCHEMA_VERSION,
                     "scores": {key: ScoreRecord(**score) for key, score in document["scores"].items()},
                     "frames": tuple(StoredFrame(**frame) for frame in document["frames"]),
                     "notes": tuple(document["notes"]),
@@ -199,6 +212,6 @@ class CellRecord:
         except (KeyError, TypeError, ValueError, AttributeError) as error:
             raise BadInput(
                 f"{source} is not a result of this bench ({type(error).__name__}: {error})",
-                f"a JSON object of schema_version {SCHEMA_VERSION}, as bench run writes it",
+                f"a JSON object of schema_version {' or '.join(map(str, READABLE))}, as bench run writes it",
                 "delete the file and run again, or choose another --out",
             ) from error

@@ -10,17 +10,21 @@ from typing import Any
 
 from bench.adapters import METHODS, Adapter, RunOptions, open_methods
 from bench.cell import Cell, LazyCase
+from bench.codec import CODEC
 from bench.datasets.case import Dataset
 from bench.host import host_facts
 from bench.metrics import METRICS, Metric
+from bench.parquet import write_scores
 from bench.plan import IDENTITY, check_same_run
 from bench.progress import Reporter, SilentReporter
+from bench.provenance import code_state, data_block
 from bench.record import SCHEMA_VERSION, CellRecord
+from bench.scorecache import ScoreCache
 from bench.scoring import Scorer
 from bench.store import RunStore
 from orca.registry import Registry
 
-__all__ = ["RunRequest", "RunSummary", "run_bench"]
+__all__ = ["RunRequest", "RunSummary", "keep_summary", "run_bench"]
 
 
 @dataclass(frozen=True)
@@ -39,6 +43,9 @@ class RunRequest:
         retry_failed: run what failed again.
         command: the command line, for the caption.
         preset_config: the resolved preset, kept beside the results.
+        argv: the command line as it was given, word by word.
+        codec_match: score every method's pictures after `bench.codec`.
+        score_cache: folder of scores by content; None for the run's own.
     """
 
     dataset: Dataset
@@ -52,6 +59,9 @@ class RunRequest:
     retry_failed: bool = False
     command: str = ""
     preset_config: dict[str, Any] = field(default_factory=dict)
+    argv: tuple[str, ...] = ()
+    codec_match: bool = False
+    score_cache: Path | None = None
 
     @property
     def identity(self) -> dict[str, Any]:
@@ -63,6 +73,7 @@ class RunRequest:
             "preset": self.options.preset,
             "seed": self.options.seed,
             "device": self.options.device,
+            "codec": CODEC if self.codec_match else None,
         }
         return {name: values[name] for name in IDENTITY}
 
@@ -98,8 +109,9 @@ def run_bench(
         BadInput: the folder holds another run, or its scenes had other cameras; two methods of one name.
     """
     adapters = open_methods(request.methods, methods)
-    scorer = Scorer(request.metrics, metrics, request.options.weights_dir, request.options.device)
     store = RunStore(request.out)
+    cache = ScoreCache(request.score_cache or store.root / "cache" / "scores")
+    scorer = Scorer(request.metrics, metrics, request.options.weights_dir, request.options.device, cache)
     check_same_run(store.load_run(), request.identity, request.out)
     versions = {name: adapter.version(request.options) for name, adapter in adapters.items()}
     order: dict[str, Iterable[str]] = {"scenes": request.dataset.scenes(), "methods": methods, "metrics": metrics}
@@ -122,13 +134,27 @@ def run_bench(
                     scorer=scorer,
                     reporter=told,
                     retry_failed=request.retry_failed,
+                    codec_match=request.codec_match,
+                    folders=(request.options.data_root, request.images),
                 ).finish()
                 computed += worked
                 if _failed(record, scorer):
                     failed.append((name, scene))
     finally:
         told.close()
+    if computed or not (store.root / "scores.parquet").is_file():
+        keep_summary(store)
     return RunSummary(computed, len(request.scenes) * len(adapters) - computed, tuple(failed))
+
+
+def keep_summary(store: RunStore) -> None:
+    """Write what all results together say: what the scenes were made of into ``run.json``, and the long table."""
+    records = list(store.records())
+    run = store.load_run()
+    made_of = data_block({r.scene: r.inputs for r in reversed(records) if r.inputs})
+    if run is not None and run.get("data") != made_of:
+        store.save_run({**run, "data": made_of})
+    write_scores(store.root / "scores.parquet", records)
 
 
 def _failed(record: CellRecord, scorer: Scorer) -> bool:
@@ -146,6 +172,7 @@ def _run_document(
         known = [name for name in order[key] if name in together]
         return known + sorted(together - set(known))
 
+    earlier = old.get("argv", [])
     commands = [*old.get("commands", []), *([request.command] if request.command else [])]
     return {
         "schema_version": SCHEMA_VERSION,
@@ -158,6 +185,9 @@ def _run_document(
         "preset_config": request.preset_config or old.get("preset_config", {}),
         "folders": {"data_root": request.options.data_root, "weights_dir": request.options.weights_dir},
         "commands": list(dict.fromkeys(commands)),
-        "started": old.get("started") or datetime.now(UTC).isoformat(timespec="seconds"),
+        "argv": [*earlier, *([list(request.argv)] if request.argv and list(request.argv) not in earlier else [])],
+        "code": code_state(),
+        "data": old.get("data", {}),
+        "timing": {"started": datetime.now(UTC).isoformat(timespec="seconds"), **old.get("timing", {})},
         "host": host_facts(request.options.device),
     }

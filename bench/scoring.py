@@ -6,11 +6,13 @@ import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from bench.adapters.adapter import MethodOutput
 from bench.datasets.case import SceneCase
 from bench.metrics.metric import Metric, MetricInput, MetricSpec
 from bench.record import ScoreRecord
+from bench.scorecache import ScoreCache, content_hashes
 from orca.registry import Registry
 
 __all__ = ["Scorer"]
@@ -32,16 +34,23 @@ class Scorer:
         registry: id -> metric class; several ids may name one class.
         weights_dir: folder with downloaded weights, or None.
         device: "cpu" or "cuda".
+        cache: where scores are looked for before they are computed, and kept after; None for nowhere.
 
     Raises:
         Unknown: an id that the registry does not know.
     """
 
     def __init__(
-        self, ids: Sequence[str], registry: Registry[type[Metric]], weights_dir: Path | None = None, device: str = "cpu"
+        self,
+        ids: Sequence[str],
+        registry: Registry[type[Metric]],
+        weights_dir: Path | None = None,
+        device: str = "cpu",
+        cache: ScoreCache | None = None,
     ) -> None:
         self.ids = tuple(registry.check(metric_id) for metric_id in ids)
-        self._weights_dir, self._device = weights_dir, device
+        self._weights_dir, self._device, self._cache = weights_dir, device, cache
+        self._hashed: tuple[MethodOutput, dict[str, Any]] | None = None  # of the output that was scored last
         self._families: list[_Family] = []
         by_class: dict[type[Metric], list[str]] = {}
         for metric_id in self.ids:
@@ -63,12 +72,25 @@ class Scorer:
         """Run one family; return its scores by id, and the seconds that they took.
 
         A family computes all of its ids in one go, so ids nobody asked for come along and are kept. A metric that is
-        `Unavailable`, or raises, gives scores that say so; nothing is raised.
+        `Unavailable`, or raises, gives scores that say so; nothing is raised. Scores of the same content and specs
+        are taken from the cache.
         """
         family = next(family for family in self._families if family.name == name)
         started = time.perf_counter()
-        scores = _family_scores(family, MetricInput(case, output, self._weights_dir, self._device))
+        given = MetricInput(case, output, self._weights_dir, self._device)
+        if self._cache is None or family.broken is not None:
+            return _family_scores(family, given), time.perf_counter() - started
+        key = self._cache.key(family.metric, family.specs, self._content(case, output), self._device)
+        scores = self._cache.get(key, family.specs)
+        if scores is None:
+            scores = _family_scores(family, given)
+            self._cache.put(key, scores)
         return scores, time.perf_counter() - started
+
+    def _content(self, case: SceneCase, output: MethodOutput) -> dict[str, Any]:
+        if self._hashed is None or self._hashed[0] is not output:
+            self._hashed = (output, content_hashes(case, output))
+        return self._hashed[1]
 
     def failed_scores(self, missing: Sequence[str], error: Exception) -> dict[str, ScoreRecord]:
         """Scores of ids that could not be computed because their frames or their scene could not be had."""

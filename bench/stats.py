@@ -10,7 +10,7 @@ from statistics import NormalDist, fmean
 
 from orca.errors import BadInput
 
-__all__ = ["Mean", "bootstrap_interval", "mean_of_present", "wilson_interval"]
+__all__ = ["Mean", "PairedTest", "bootstrap_interval", "mean_of_present", "paired_test", "wilson_interval"]
 
 
 @dataclass(frozen=True)
@@ -71,6 +71,61 @@ def bootstrap_interval(
     means = sorted(fmean(draw.choices(values, k=len(values))) for _ in range(resamples))
     tail = (1 - confidence) / 2
     return _quantile(means, tail), _quantile(means, 1 - tail)
+
+
+@dataclass(frozen=True)
+class PairedTest:
+    """Two methods (or two runs) on the same scenes.
+
+    Attributes:
+        n: number of scenes.
+        mean_a, mean_b: means over them.
+        difference: mean of b - a.
+        low, high: bootstrap interval of that mean; None for a single scene, which has none.
+        p: two-sided Wilcoxon signed-rank test (Wilcoxon 1945): chance of such differences if their median were zero;
+            None for a single scene, 1 where no scene differs.
+    """
+
+    n: int
+    mean_a: float
+    mean_b: float
+    difference: float
+    low: float | None
+    high: float | None
+    p: float | None
+
+    @property
+    def beyond_interval(self) -> bool:
+        """True if the interval leaves out zero; for a single scene, if the two numbers differ at all."""
+        if self.low is None or self.high is None:
+            return self.difference != 0
+        return self.low > 0 or self.high < 0
+
+    @property
+    def significant(self) -> bool:
+        """True if both say so: the interval leaves out zero and p < 0.05. Needs six scenes at least."""
+        return self.p is not None and self.p < 0.05 and self.beyond_interval
+
+
+def paired_test(a: Sequence[float], b: Sequence[float], confidence: float = 0.95) -> PairedTest:
+    """Compare ``b`` with ``a``, scene by scene. Raises `BadInput` for other lengths, no scene, or non-finite values."""
+    if len(a) != len(b) or not a or not all(map(math.isfinite, (*a, *b))):
+        raise BadInput(
+            f"{len(a)} values against {len(b)}", "finite values of the same scenes, one or more", "pair the scenes"
+        )
+    differences = [y - x for x, y in zip(a, b, strict=True)]
+    low, high = bootstrap_interval(differences, confidence) if len(a) > 1 else (None, None)
+    return PairedTest(len(a), fmean(a), fmean(b), fmean(differences), low, high, _wilcoxon(differences))
+
+
+def _wilcoxon(differences: Sequence[float]) -> float | None:
+    if len(differences) < 2:
+        return None
+    if not any(differences):
+        return 1.0
+    from scipy.stats import wilcoxon
+
+    return float(wilcoxon(differences, zero_method="wilcox").pvalue)
 
 
 def _quantile(ordered: Sequence[float], q: float) -> float:

@@ -9,12 +9,13 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from bench.record import CellRecord, jsonable
+from bench.digest import sealed, unsealed
+from bench.record import READABLE, SCHEMA_VERSION, CellRecord, jsonable
 from bench.trajectories.trajectory import Trajectory
 from orca.atomic import atomic_path, output_folder
 from orca.errors import BadInput
 
-__all__ = ["RunStore", "write_atomic", "write_json"]
+__all__ = ["RunStore", "read_json", "write_atomic", "write_json"]
 
 
 def write_atomic(path: Path, content: bytes) -> None:
@@ -31,7 +32,8 @@ def write_json(path: Path, document: Any) -> None:
     write_atomic(path, (text + "\n").encode())
 
 
-def _read_json(path: Path) -> dict[str, Any]:
+def read_json(path: Path) -> dict[str, Any]:
+    """Read a JSON object; raises `BadInput`, naming the file, for anything else."""
     try:
         document = json.loads(path.read_text())
         if not isinstance(document, dict):
@@ -45,11 +47,21 @@ def _read_json(path: Path) -> dict[str, Any]:
     return document
 
 
+def _present_form(document: dict[str, Any]) -> dict[str, Any]:
+    """A run of schema version 1 kept its start beside the rest and knew no codec."""
+    plain = unsealed(document)
+    started = plain.pop("started", None)
+    timing = {**({} if started is None else {"started": started}), **plain.get("timing", {})}
+    identity = {"codec": None, **plain["identity"]}
+    return {**plain, "schema_version": SCHEMA_VERSION, "identity": identity, "timing": timing}
+
+
 class RunStore:
     """The folder of one run.
 
     ``run.json``, ``scenes/<method>/<scene>.json``, ``frames/<method>/<scene>.npz``, ``trajectories/<sha256>.json``,
-    ``tables/``, and ``work/<method>/<scene>/`` for what a method leaves behind.
+    ``tables/``, ``scores.parquet`` (every score in one long table), ``cache/scores/`` (by content), and
+    ``work/<method>/<scene>/`` for what a method leaves behind.
 
     Args:
         root: the folder; made when the first file is written.
@@ -78,30 +90,53 @@ class RunStore:
         if folder.is_dir() and not any(folder.iterdir()):
             folder.rmdir()
 
+    def record_paths(self) -> list[Path]:
+        """The file of every result in the folder, by method and scene name; what a killed writer leaves is none."""
+        return [p for p in sorted((self.root / "scenes").glob("*/*.json")) if not p.name.startswith(".")]
+
     def load(self, method: str, scene: str) -> CellRecord | None:
         """The result of a cell, or None when there is none. Raises `BadInput` for a broken file."""
         path = self.record_path(method, scene)
-        return CellRecord.from_json(_read_json(path), str(path)) if path.is_file() else None
+        return CellRecord.from_json(read_json(path), str(path)) if path.is_file() else None
 
     def save(self, record: CellRecord) -> None:
         """Write the result of a cell, atomically."""
         write_json(self.record_path(record.method, record.scene), record.to_json())
 
+    def documents(self) -> Iterator[tuple[Path, dict[str, Any]]]:
+        """The file and the raw JSON of every result, by method and scene name. Raises `BadInput` for a broken file."""
+        for path in self.record_paths():
+            yield path, read_json(path)
+
     def records(self) -> Iterator[CellRecord]:
         """Every result in the folder, by method and scene name."""
-        for path in sorted((self.root / "scenes").glob("*/*.json")):
-            if path.name.startswith("."):  # what a killed writer leaves
-                continue
-            yield CellRecord.from_json(_read_json(path), str(path))
+        for path, document in self.documents():
+            yield CellRecord.from_json(document, str(path))
+
+    @property
+    def run_path(self) -> Path:
+        """Where the description of the run lies."""
+        return self.root / "run.json"
 
     def load_run(self) -> dict[str, Any] | None:
-        """The contents of ``run.json``, or None for a new folder."""
-        path = self.root / "run.json"
-        return _read_json(path) if path.is_file() else None
+        """The contents of ``run.json`` in today's form, whichever schema version wrote it; None for a new folder.
+
+        Raises `BadInput` for a file that is not one.
+        """
+        if not self.run_path.is_file():
+            return None
+        document = read_json(self.run_path)
+        if document.get("schema_version") not in READABLE or not isinstance(document.get("identity"), dict):
+            raise BadInput(
+                f"{self.run_path} is not the description of a run (schema_version {document.get('schema_version')})",
+                f"schema_version {' or '.join(map(str, READABLE))}, as bench run writes it",
+                "delete the file and run again, or choose another --out",
+            )
+        return _present_form(document)
 
     def save_run(self, document: dict[str, Any]) -> None:
-        """Write ``run.json``, atomically."""
-        write_json(self.root / "run.json", document)
+        """Write ``run.json`` under a seal, atomically."""
+        write_json(self.run_path, sealed(jsonable(document)))
 
     def save_trajectory(self, trajectory: Trajectory) -> None:
         """Keep the cameras of a result beside it, under their hash."""
@@ -112,7 +147,7 @@ class RunStore:
     def load_trajectory(self, sha256: str) -> Trajectory | None:
         """The cameras with that hash, or None if this run has none."""
         path = self.root / "trajectories" / f"{sha256}.json"
-        return Trajectory.from_json(_read_json(path)) if path.is_file() else None
+        return Trajectory.from_json(read_json(path)) if path.is_file() else None
 
     def _cell(self, kind: str, method: str, scene: str, suffix: str) -> Path:
         for name in (method, scene):

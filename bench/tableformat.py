@@ -1,4 +1,4 @@
-"""A table as data, and the three ways it is written: aligned text, Markdown, CSV."""
+"""A table as data, and the ways it is written: aligned text, Markdown, CSV, JSON (LaTeX: `bench.latex`)."""
 
 from __future__ import annotations
 
@@ -101,19 +101,28 @@ class Table:
         return f"### {self.title}\n\n{body}\n" + (f"\n{notes}\n" if notes else "")
 
     def to_csv(self) -> str:
-        """Raw numbers, empty where there is none; means get a second column ``<key>_scenes`` with present/total."""
-        counted = [any(row.cells[i].scenes for row in self.rows) for i in range(len(self.heads))]
+        """Raw numbers, empty where there is none.
+
+        Means get a column ``<key>_scenes`` with present/total, and those of two scenes or more ``<key>_low`` and
+        ``<key>_high``, their 95 % interval.
+        """
+        extras = [self._extras(i) for i in range(len(self.heads))]
         out = io.StringIO()
         writer = csv.writer(out, lineterminator="\n")
-        names = [[head.key, f"{head.key}_scenes"] if both else [head.key] for head, both in zip(self.heads, counted)]
-        writer.writerow([*(head.lower() for head in self.label_heads), *(name for pair in names for name in pair)])
+        names = [[head.key, *(f"{head.key}_{extra}" for extra in more)] for head, more in zip(self.heads, extras)]
+        writer.writerow([*(head.lower() for head in self.label_heads), *(name for some in names for name in some)])
         for row in self.rows:
             line: list[str] = list(row.labels)
-            for cell, both in zip(row.cells, counted):
-                line.append("" if cell.value is None else f"{cell.value:.6f}".rstrip("0").rstrip("."))
-                line += [cell.scenes] if both else []
+            for cell, more in zip(row.cells, extras):
+                line += [_csv_number(cell.value), *(_csv_extra(cell, extra) for extra in more)]
             writer.writerow(line)
         return out.getvalue()
+
+    def _extras(self, i: int) -> list[str]:
+        """Which further columns a value column has in the CSV."""
+        cells = [row.cells[i] for row in self.rows]
+        counted = ["scenes"] if any(cell.scenes for cell in cells) else []
+        return counted + (["low", "high"] if any(cell.low is not None for cell in cells) else [])
 
     def to_json(self) -> dict[str, Any]:
         """The table as plain data."""
@@ -137,8 +146,16 @@ class Table:
         return blocks
 
 
+def _csv_number(value: float | None) -> str:
+    return "" if value is None else f"{value:.6f}".rstrip("0").rstrip(".")
+
+
+def _csv_extra(cell: TableCell, extra: str) -> str:
+    return cell.scenes if extra == "scenes" else _csv_number(getattr(cell, extra))
+
+
 def _cell_json(cell: TableCell) -> dict[str, Any]:
-    plain: dict[str, Any] = {"value": cell.value, "text": cell.text}
+    plain: dict[str, Any] = {"value": cell.value, "text": cell.text, "bold": cell.bold}
     if cell.scenes:
         plain["scenes"] = cell.scenes
     if cell.low is not None:

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
+from bench.latex import latex_table
 from bench.measured import COSTS, FAIL, MISSING, Column, Measured, Value
 from bench.stats import bootstrap_interval, mean_of_present
 from bench.store import write_atomic
@@ -14,14 +16,19 @@ from bench.tableformat import Head, Row, Table, TableCell
 __all__ = ["dataset_table", "scene_table", "write_tables"]
 
 
-def dataset_table(run: Measured) -> Table:
+def dataset_table(run: Measured, columns: Sequence[Column] | None = None, intervals: bool = False) -> Table:
     """Rows are methods, columns metrics and costs; a cell is the mean over scenes.
 
     A mean that misses scenes says so ("23.04 (4/5)"). Bold marks the strictly best of a column, compared as printed,
     and only where all methods were averaged over the same scenes.
+
+    Args:
+        run: what was measured.
+        columns: these and no others; all metrics and costs when left out.
+        intervals: print the 95 % bootstrap interval over scenes behind each mean.
     """
     notes = _Footnotes()
-    columns = (*run.columns, *COSTS)
+    counted, columns = columns is None, (*run.columns, *COSTS) if columns is None else tuple(columns)
     grid = {m: [[run.value(m, scene, column.key) for scene in run.scenes] for column in columns] for m in run.methods}
     cells = {m: [_mean_cell(c, values, notes) for c, values in zip(columns, grid[m])] for m in run.methods}
     for i, column in enumerate(columns):
@@ -30,16 +37,19 @@ def dataset_table(run: Measured) -> Table:
         }
         if len(covered) == 1:
             _mark_best(column, [cells[m] for m in run.methods], i)
-    rows = [Row((method,), (_failed_cell(run, method), *cells[method])) for method in run.methods]
-    heads = (Head("failed", "Failed"), *_heads(columns))
+    if intervals:
+        cells = {m: [_with_interval(c, cell) for c, cell in zip(columns, line)] for m, line in cells.items()}
+    failed = {m: (_failed_cell(run, m),) if counted else () for m in run.methods}
+    rows = [Row((method,), (*failed[method], *cells[method])) for method in run.methods]
+    heads = (*((Head("failed", "Failed"),) if counted else ()), *_heads(columns))
     title = f"{run.dataset}: mean over {len(run.scenes)} scene{'s' if len(run.scenes) != 1 else ''}"
     return Table("dataset", title, ("Method",), heads, tuple(rows), (*_caption(run, columns), *notes.lines()))
 
 
-def scene_table(run: Measured) -> Table:
+def scene_table(run: Measured, columns: Sequence[Column] | None = None) -> Table:
     """Rows are (scene, method) in the layout of the paper's Table 2; bold is the strictly best of a scene's column."""
     notes = _Footnotes()
-    columns = (*run.columns, *COSTS)
+    columns = (*run.columns, *COSTS) if columns is None else tuple(columns)
     rows = []
     for scene in run.scenes:
         lines = [[_scene_cell(c, run.value(m, scene, c.key), notes) for c in columns] for m in run.methods]
@@ -54,10 +64,12 @@ def scene_table(run: Measured) -> Table:
 
 
 def write_tables(folder: Path, tables: Iterable[Table]) -> list[Path]:
-    """Write each table as Markdown and CSV into ``folder``; return the paths."""
+    """Write each table as Markdown, LaTeX (to be included), CSV and JSON into ``folder``; return the paths."""
     written = []
     for table in tables:
-        for suffix, text in ((".md", table.to_markdown()), (".csv", table.to_csv())):
+        plain = json.dumps(table.to_json(), indent=1, ensure_ascii=False) + "\n"
+        forms = {".md": table.to_markdown(), ".tex": latex_table(table), ".csv": table.to_csv(), ".json": plain}
+        for suffix, text in forms.items():
             written.append(folder / f"{table.name}{suffix}")
             write_atomic(written[-1], text.encode())
     return written
@@ -98,6 +110,13 @@ def _mean_cell(column: Column, values: Sequence[Value], notes: _Footnotes) -> Ta
     return TableCell(text, mean.value, scenes, low, high)
 
 
+def _with_interval(column: Column, cell: TableCell) -> TableCell:
+    if cell.low is None or cell.high is None:
+        return cell
+    digits = column.decimals
+    return replace(cell, text=f"{cell.text} [{cell.low:.{digits}f}, {cell.high:.{digits}f}]")
+
+
 def _scene_cell(column: Column, value: Value, notes: _Footnotes) -> TableCell:
     if value.number is None:
         return TableCell(value.word + notes.mark([value.reason] if value.reason else []))
@@ -128,5 +147,8 @@ def _caption(run: Measured, columns: Sequence[Column]) -> list[str]:
             "s/scene: all phases that the method timed, rendering of the evaluated frames included; "
             "scene loading and metrics not. ms/frame: rendering of one frame."
         )
-    lines.append("x/y: mean over the x of y scenes that have a value. -: not run. Bold: strictly best as printed.")
+    lines.append(
+        "x/y: mean over the x of y scenes that have a value. -: not run. Bold: strictly best as printed; "
+        "whether a difference holds over the scenes stands in the table of pairs."
+    )
     return lines

@@ -42,7 +42,7 @@ def test_a_record_holds_what_the_contract_says(request_: RunRequest) -> None:
     summary = go(request_)
     assert (summary.computed, summary.skipped, summary.failed) == (4, 0, ())
     record = cell(request_, "light", "a")
-    assert record["schema_version"] == 1
+    assert record["schema_version"] == 2
     assert (record["dataset"], record["scene"], record["method"], record["method_version"]) == (
         "fake",
         "a",

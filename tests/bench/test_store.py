@@ -62,7 +62,7 @@ def test_what_a_killed_writer_leaves_is_no_record(tmp_path: Path) -> None:
     assert len(list(store.records())) == 1
 
 
-@pytest.mark.parametrize("content", ["", "{", "[]", '{"schema_version": 99}', '{"schema_version": 1, "scores": 3}'])
+@pytest.mark.parametrize("content", ["", "{", "[]", '{"schema_version": 99}', '{"schema_version": 2, "scores": 3}'])
 def test_a_broken_record_is_refused_by_name(tmp_path: Path, content: str) -> None:
     path = RunStore(tmp_path).record_path("orca", "a")
     path.parent.mkdir(parents=True)

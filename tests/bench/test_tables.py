@@ -177,7 +177,8 @@ def test_csv_carries_raw_numbers_and_counts(tmp_path: Path) -> None:
     paths = write_tables(
         tmp_path / "tables", [dataset_table(read_runs([tmp_path])), scene_table(read_runs([tmp_path]))]
     )
-    assert [path.name for path in paths] == ["dataset.md", "dataset.csv", "scenes.md", "scenes.csv"]
+    forms = (".md", ".tex", ".csv", ".json")
+    assert [path.name for path in paths] == [name + form for name in ("dataset", "scenes") for form in forms]
     rows = list(csv.DictReader(io.StringIO((tmp_path / "tables/dataset.csv").read_text())))
     light = next(row for row in rows if row["method"] == "light")
     assert (light["bright"], light["bright_scenes"], light["learned"]) == ("201", "2/2", "")
@@ -206,4 +207,5 @@ def test_wide_text_breaks_into_blocks_that_fit_with_labels_repeated() -> None:
 def test_json_carries_value_count_and_interval(tmp_path: Path) -> None:
     document = dataset_table(run(tmp_path)).to_json()
     light = next(row for row in document["rows"] if row["method"] == "light")
-    assert light["cells"]["bright"] == {"value": 201.0, "text": "201.00", "scenes": "2/2", "interval95": [201.0, 201.0]}
+    want = {"value": 201.0, "text": "201.00", "bold": True, "scenes": "2/2", "interval95": [201.0, 201.0]}
+    assert light["cells"]["bright"] == want

@@ -1,0 +1,70 @@
+"""Every score of a run in one long table: a row for each scene's score, and one for each frame's."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+from typing import Any
+
+from bench.record import CellRecord, ScoreRecord
+from bench.store import write_atomic
+
+__all__ = ["COLUMNS", "long_rows", "write_scores"]
+
+# Name -> Arrow type. `frame` counts within the score (frames, pairs or views), null on the row of the scene's score;
+# `frame_index` and `pixel_sha256` are known where a score has a value for each evaluated frame.
+COLUMNS = {
+    "dataset": "string",
+    "scene": "string",
+    "method": "string",
+    "method_version": "string",
+    "metric": "string",
+    "frame": "int32",
+    "frame_index": "int32",
+    "value": "float64",
+    "n": "int32",
+    "status": "string",
+    "reason": "string",
+    "variant": "string",
+    "version": "string",
+    "weights_sha256": "string",
+    "trajectory_sha256": "string",
+    "pixel_sha256": "string",
+    "codec": "string",
+}
+
+
+def long_rows(record: CellRecord) -> Iterator[dict[str, Any]]:
+    """Rows of one cell; a failed method gives one row without a metric, its status "failed"."""
+    common: dict[str, Any] = dict.fromkeys(COLUMNS)
+    for name in ("dataset", "scene", "method", "method_version", "trajectory_sha256", "codec"):
+        common[name] = getattr(record, name)
+    if record.failure is not None:
+        yield common | {"status": "failed", "reason": record.failure.summary}
+    for metric_id, score in record.scores.items():
+        yield from _score_rows(record, score, common | {"metric": metric_id})
+
+
+def _score_rows(record: CellRecord, score: ScoreRecord, common: dict[str, Any]) -> Iterator[dict[str, Any]]:
+    made = {key: score.spec.get(key) for key in ("variant", "version", "weights_sha256")}
+    yield common | made | {"value": score.value, "n": score.n, "status": score.status, "reason": score.reason}
+    values = score.per_frame or []
+    frames = record.frames if len(values) == len(record.frames) else (None,) * len(values)
+    for i, (value, frame) in enumerate(zip(values, frames, strict=True)):
+        known = {} if frame is None else {"frame_index": frame.index, "pixel_sha256": frame.pixel_sha256}
+        number = float(value) if value is not None else None  # "inf", as `jsonable` writes it, is a number too
+        yield common | made | known | {"frame": i, "value": number, "status": score.status}
+
+
+def write_scores(path: Path, records: Iterable[CellRecord]) -> None:
+    """Write the long table of these results as Parquet, atomically."""
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    rows = [row for record in records for row in long_rows(record)]
+    schema = pa.schema([(name, getattr(pa, kind)()) for name, kind in COLUMNS.items()])
+    columns = {name: [row[name] for row in rows] for name in COLUMNS}
+    buffer = io.BytesIO()
+    pq.write_table(pa.table(columns, schema=schema), buffer, compression="zstd")
+    write_atomic(path, buffer.getvalue())
