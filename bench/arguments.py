@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-__all__ = ["add_compare", "add_list", "add_run", "add_table", "add_verify"]
+__all__ = ["add_compare", "add_list", "add_run", "add_speed", "add_table", "add_verify"]
 
 
 def add_run(parser: argparse.ArgumentParser) -> None:
@@ -59,6 +59,14 @@ def add_verify(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("run", type=Path, metavar="RUN", help="folder of a run")
     parser.add_argument("--data-root", type=Path, metavar="DIR", help="where the data lie now (where they lay then)")
     parser.add_argument("--quick", action="store_true", help="do not decode the stored frames")
+
+
+def add_speed(parser: argparse.ArgumentParser) -> None:
+    parser.description = "Time renderer and trainer, fast against reference in one process, on an embedded photograph."
+    cases = {"action": "append", "metavar": "A,B"}
+    parser.add_argument("--cases", **cases, help="frame, fit, step, stage3 (all); init draws a chart and needs --out")
+    parser.add_argument("--quick", action="store_true", help="one size of each case, under a minute (else 20 minutes)")
+    parser.add_argument("--out", type=Path, metavar="DIR", help="write tables, rows and the chart there too")
 
 
 def add_list(parser: argparse.ArgumentParser) -> None:

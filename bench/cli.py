@@ -31,6 +31,7 @@ _VERBS: dict[str, tuple[str, Callable[[argparse.ArgumentParser], None], str]] = 
     "table": ("print tables of a run, or the paper's, from files", arguments.add_table, "table:table_command"),
     "compare": ("say what moved between two runs", arguments.add_compare, "compare:compare_command"),
     "verify": ("find edited results and stale inputs of a run", arguments.add_verify, "verify:verify_command"),
+    "speed": ("time renderer and trainer, fast against reference", arguments.add_speed, "speed:speed_command"),
     "list": ("say which data sets, methods, ... there are", arguments.add_list, "list:list_command"),
 }
 
