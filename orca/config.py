@@ -11,6 +11,8 @@ from dataclasses import asdict, dataclass, field, replace
 from typing import Any, Literal
 
 from orca.errors import Unknown
+from orca.priors.diffusion_config import DiffusionConfig
+from orca.repair.generative_config import GenerativeConfig
 from orca.repair.rules import RepairRules
 
 __all__ = [
@@ -198,12 +200,17 @@ class RepairConfig:
         views: how many views of the trajectory are watched, evenly spaced (O; 0 watches all of them).
         rules: thresholds of the paper and ours, for 512x512 renders.
         fill: "paper" copies donors, "smooth" continues the background (O).
+        inpainter: who completes large regions: a name of `orca.priors.choose.INPAINTER_CHOICES` (P: "sd15"; "auto" is
+            that where its weights are, else "classical").
+        generative: how a large region is completed.
     """
 
     enabled: bool = True
     views: int = 12
     rules: RepairRules = field(default_factory=lambda: RepairRules(max_steps=3, max_iterations=60))
     fill: Literal["paper", "smooth"] = "smooth"
+    inpainter: str = "auto"
+    generative: GenerativeConfig = field(default_factory=GenerativeConfig)
 
 
 @dataclass(frozen=True)
@@ -218,6 +225,7 @@ class ReconstructConfig:
     planar: PlanarConfig = field(default_factory=PlanarConfig)
     deform: DeformConfig = field(default_factory=DeformConfig)
     repair: RepairConfig = field(default_factory=RepairConfig)
+    diffusion: DiffusionConfig = field(default_factory=DiffusionConfig)
     schema_version: int = 1
 
     def to_json(self) -> dict[str, Any]:

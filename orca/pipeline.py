@@ -17,9 +17,11 @@ from orca.conventions import Float32Array
 from orca.errors import BadInput
 from orca.field.decoders import DENSITY_CHANNEL, Decoders, analytic_decoders, density_feature
 from orca.field.hashing import HashEncoding
+from orca.priors.choose import Priors
 from orca.priors.depth import DepthEstimate
-from orca.priors.outpaint import OUTPAINTERS, Outpainter
+from orca.priors.hub import ModelAccess
 from orca.render.renderer import Renderer
+from orca.repair.generative import GenerativePriors
 from orca.repair.insert import InsertConfig
 from orca.repair.loop import repair
 from orca.scene import Scene
@@ -74,7 +76,7 @@ def reconstruct(
     trajectory: Sequence[Camera],
     config: ReconstructConfig,
     *,
-    outpainter: Outpainter | None = None,
+    priors: Priors | None = None,
     seed: int = 0,
     device: str = "cpu",
     progress: Progress | None = None,
@@ -87,7 +89,8 @@ def reconstruct(
         depth: z-depth of the input in the units of the trajectory.
         trajectory: cameras the scene will be seen from; decides canvas and repairs.
         config: every constant of the method.
-        outpainter: replaces the one that ``config.canvas.outpainter`` names.
+        priors: who outpaints, inpaints and estimates depth of what they make; by default whoever the configuration
+            names, with the weights that are on this machine.
         seed: of every random draw. Two runs with one seed on one machine and thread count give the same scene.
         device: "cpu" or a torch device for gradient training.
         progress: called as progress(phase, done, total).
@@ -101,9 +104,10 @@ def reconstruct(
     if depth.is_measured:
         config = run.config = config.trusting_depth()
     started = time.perf_counter()
-    if outpainter is None and config.canvas.outpainter != "none":
-        outpainter = OUTPAINTERS.get(config.canvas.outpainter)()
-    canvas = make_canvas(image, depth.depth, camera, trajectory, config.canvas, outpainter)
+    if priors is None:
+        priors = Priors.of(config, ModelAccess(local_files_only=True, device=device), seed)
+    canvas = make_canvas(image, depth.depth, camera, trajectory, config.canvas, priors.outpainter, priors.depth)
+    run.record["priors"] = {**priors.to_json(), "margin_depth": canvas.margin_depth}
     grid = place(canvas, config.planar)
     observed = observations(canvas, _MARGIN_RESOLUTION)
     run.timed("canvas", started)
@@ -117,12 +121,13 @@ def reconstruct(
     run.timed("deform", started)
 
     started = time.perf_counter()
-    anchors, ledger = _stage_repair(lifted, decoders, camera, trajectory, seed, run)
+    anchors, ledger = _stage_repair(lifted, decoders, camera, trajectory, seed, priors, run)
     run.timed("repair", started)
 
     stages = torch.bincount(anchors.stage.long(), minlength=len(Stage)).tolist()
     run.record["anchors"] = {stage.name.lower(): int(n) for stage, n in zip(Stage, stages, strict=True)}
     run.record["margins"] = list(canvas.margins)
+    run.record["canvas_scale"] = list(canvas.scale)
     _note_psnr(run, "final", anchors, decoders, observed[0])
     provenance = {
         "preset": config.name,
@@ -133,6 +138,7 @@ def reconstruct(
         "depth_is_measured": depth.is_measured,
         "depth_notes": list(depth.notes),
         "margins": list(canvas.margins),
+        "priors": run.record["priors"],
     }
     scene = Scene(anchors, decoders.cpu(), config.render, camera, provenance)
     return Reconstruction(scene, ledger, run.record)
@@ -277,6 +283,7 @@ def _stage_repair(
     input_camera: Camera,
     trajectory: Sequence[Camera],
     seed: int,
+    priors: Priors,
     run: _Run,
 ) -> tuple[GaussianAnchors, dict[str, Any]]:
     """Stage 3: disocclusion repair along the trajectory."""
@@ -284,8 +291,18 @@ def _stage_repair(
     if not config.repair.enabled:
         return anchors, {"schema_version": 1, "repairs": [], "stopped": "repair is off"}
     insert = InsertConfig(config.planar.kappa, config.planar.colour_clip)
+    completes = None if priors.inpainter is None else GenerativePriors(priors.inpainter, priors.depth)
     result = repair(
-        anchors, decoders.cpu(), trajectory, config.repair, config.render, insert, input_camera, seed, run.progress
+        anchors,
+        decoders.cpu(),
+        trajectory,
+        config.repair,
+        config.render,
+        insert,
+        input_camera,
+        seed,
+        run.progress,
+        completes,
     )
     run.record["repair_stopped"] = result.ledger.stopped
     return result.anchors, result.ledger.to_json()

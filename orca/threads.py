@@ -12,7 +12,7 @@ from typing import Any, Generic, ParamSpec, TypeVar
 import numba
 import torch
 
-__all__ = ["Kernel", "in_serial_mode", "kernel", "map_on_cores", "single_threaded_torch"]
+__all__ = ["Kernel", "in_serial_mode", "kernel", "map_on_cores", "multi_threaded_torch", "single_threaded_torch"]
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -86,6 +86,17 @@ def single_threaded_torch() -> Iterator[None]:
     """
     before = torch.get_num_threads()
     torch.set_num_threads(1)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(before)
+
+
+@contextmanager
+def multi_threaded_torch() -> Iterator[None]:
+    """Give torch as many threads as numba has, for a large network inside work that keeps torch to one thread."""
+    before = torch.get_num_threads()
+    torch.set_num_threads(numba.get_num_threads())
     try:
         yield
     finally:

@@ -7,6 +7,10 @@ from pathlib import Path
 
 import pytest
 
+# Tests look at no model of the machine they run on, and download none.
+os.environ["HF_HUB_OFFLINE"] = "1"
+os.environ["HF_HUB_CACHE"] = os.path.join(os.path.dirname(__file__), "no-hub-cache")
+
 
 @pytest.fixture(scope="session")
 def data_root() -> Path:

@@ -10,12 +10,23 @@ import numpy as np
 from orca.camera import Camera
 from orca.conventions import Float32Array
 from orca.errors import BadInput
+from orca.priors.hub import ModelAccess
 from orca.priors.spec import PriorSpec, parse_spec
 from orca.registry import Registry
 
-__all__ = ["DEPTH_PROVIDERS", "DepthEstimate", "DepthProvider", "inverse_to_depth", "parse_depth_spec"]
+__all__ = [
+    "DEPTH_PROVIDERS",
+    "DepthEstimate",
+    "DepthProvider",
+    "clip_outliers",
+    "inverse_to_depth",
+    "limit_far",
+    "parse_depth_spec",
+]
 
 FAR_RATIO = 10.0
+METRIC_FAR_RATIO = 50.0
+OUTLIER_QUANTILES = (0.001, 0.999)
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,21 +98,24 @@ DEPTH_PROVIDERS: Registry[type[DepthProvider]] = Registry(
         "onnx": "orca.priors.onnx:OnnxDepth",
         "heuristic": "orca.priors.heuristic:HeuristicDepth",
         "constant": "orca.priors.heuristic:ConstantDepth",
+        "auto": "orca.priors.auto:AutoDepth",
+        "depth-pro": "orca.priors.learned:DepthProDepth",
+        "depth-anything": "orca.priors.learned:DepthAnythingDepth",
     },
 )
 
 
-def parse_depth_spec(text: str) -> DepthProvider:
-    """Build the depth provider that a one-line specification names.
+def parse_depth_spec(text: str, access: ModelAccess | None = None) -> DepthProvider:
+    """Build the depth provider that a one-line specification names; ``access`` is how a learned one gets its weights.
 
     Examples: ``file:D.png?unit=0.0001&meaning=depth``, ``onnx:small.onnx?size=384&range=255&meaning=inverse_depth``,
-    ``heuristic``, ``constant``. Options of each provider: see its class.
+    ``heuristic``, ``constant``, ``auto``, ``depth-pro``, ``depth-anything``. Options of each provider: see its class.
 
     Raises:
         Unknown: no such provider, or no such option.
         BadInput: an option with a wrong value, or a file name is missing.
     """
-    spec = parse_spec(text)
+    spec = replace(parse_spec(text), access=access or ModelAccess())
     return DEPTH_PROVIDERS.get(spec.name).from_spec(spec)
 
 
@@ -122,3 +136,28 @@ def inverse_to_depth(inverse: Float32Array, far_ratio: float = FAR_RATIO) -> Flo
         )
     floor = np.float32(np.median(positive) / far_ratio)
     return np.asarray(1.0 / np.maximum(inverse, floor), np.float32)
+
+
+def clip_outliers(values: Float32Array) -> Float32Array:
+    """``values`` [H, W] limited to their own 0.1 % and 99.9 % quantiles.
+
+    A network's stray pixels would stretch the whole scene. What is not finite is left alone.
+    """
+    finite = values[np.isfinite(values)]
+    if finite.size == 0:
+        return values
+    low, high = np.quantile(finite, OUTLIER_QUANTILES)
+    return np.clip(values, np.float32(low), np.float32(high))
+
+
+def limit_far(depth: Float32Array) -> tuple[Float32Array, tuple[str, ...]]:
+    """Metric depth [H, W] limited to 50 times its median (sky may be 10 km away), and a note if that changed anything.
+
+    True distance beyond that gives no parallax along any path this project renders.
+    """
+    limit = np.float32(METRIC_FAR_RATIO * float(np.median(depth)))
+    beyond = depth > limit
+    if not bool(beyond.any()):
+        return depth, ()
+    note = f"{beyond.mean():.1%} of the pixels lay beyond {METRIC_FAR_RATIO:g} times the median depth: set to that"
+    return np.minimum(depth, limit), (note,)

@@ -45,6 +45,8 @@ class Inpainter(Protocol):
 INPAINTERS: Registry[type[Inpainter]] = Registry(
     "inpainter",
     {
+        "sd15": "orca.priors.diffusion:DiffusionInpainter",
+        "classical": "orca.priors.exemplar:ExemplarInpainter",
         "telea": "orca.priors.classical:TeleaInpainter",
         "navier-stokes": "orca.priors.classical:NavierStokesInpainter",
         "nearest": "orca.priors.classical:NearestInpainter",

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 
 from orca.conventions import Float32Array
-from orca.errors import BadInput
+from orca.errors import BadInput, Unknown
 from orca.registry import Registry
 
 __all__ = ["OUTPAINTERS", "EdgeOutpainter", "MirrorOutpainter", "Outpainter", "extend_depth"]
@@ -46,7 +46,12 @@ class Outpainter(Protocol):
 
 OUTPAINTERS: Registry[type[Outpainter]] = Registry(
     "outpainter",
-    {"mirror": "orca.priors.outpaint:MirrorOutpainter", "edge": "orca.priors.outpaint:EdgeOutpainter"},
+    {
+        "sd15": "orca.priors.grow:DiffusionOutpainter",
+        "classical": "orca.priors.grow:ClassicalOutpainter",
+        "mirror": "orca.priors.outpaint:MirrorOutpainter",
+        "edge": "orca.priors.outpaint:EdgeOutpainter",
+    },
 )
 
 
@@ -76,7 +81,7 @@ class EdgeOutpainter:
 def extend_depth(
     depth: Float32Array, left: int, top: int, right: int, bottom: int, mode: Mode = "mirror"
 ) -> Float32Array:
-    """Extend a depth map the way the outpainter of the same name extends the colours.
+    """Extend a depth map the way `MirrorOutpainter` or `EdgeOutpainter` extends the colours.
 
     Smoothing is done on inverse depth, so that far outliers do not bleed; the result stays within the range of the
     given depths and is continuous at the frame.
@@ -84,7 +89,7 @@ def extend_depth(
     Args:
         depth: z-depth, [H, W] float32, positive.
         left, top, right, bottom: margins in pixels, >= 0.
-        mode: the name of the outpainter that made the colours.
+        mode: "mirror" reflects the depth at the frame, "edge" repeats its border; both blur it with distance.
 
     Returns:
         [H + top + bottom, W + left + right] float32, positive; the original values are kept bit for bit.
@@ -97,7 +102,8 @@ def extend_depth(
         raise BadInput(
             f"depth of shape {values.shape}, or with values <= 0 or not finite", "[H, W], positive", "repair the depth"
         )
-    OUTPAINTERS.check(mode)
+    if mode not in _PAD_MODES:
+        raise Unknown(f"unknown way to extend depth '{mode}'", " | ".join(_PAD_MODES), "use mirror")
     inverse = np.asarray(1.0 / values, np.float32)
     canvas = 1.0 / _extend(inverse, (left, top, right, bottom), mode)
     canvas[top : top + values.shape[0], left : left + values.shape[1]] = values

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from orca.errors import BadInput, Unknown
+from orca.priors.hub import ModelAccess
 
 __all__ = ["PriorSpec", "parse_spec"]
 
@@ -20,11 +21,13 @@ class PriorSpec:
         name: which prior.
         path: its file, or None.
         options: the rest, as text.
+        access: how a learned prior gets at its weights.
     """
 
     name: str
     path: Path | None = None
     options: dict[str, str] = field(default_factory=dict)
+    access: ModelAccess = field(default_factory=ModelAccess)
 
     def allow(self, *names: str) -> None:
         """Raise `Unknown` if an option is given that this prior does not have."""

@@ -33,6 +33,8 @@ class RepairRecord:
         coverage_before: mean accumulated alpha inside the component before the repair.
         coverage_after: ... and after it.
         milliseconds: wall time of the repair.
+        alignment: of a generative repair with estimated depth: "a", "b", "inlier_share", "samples", and the "space"
+            of the fit ("depth" or "inverse_depth"); None otherwise.
     """
 
     iteration: int
@@ -49,6 +51,7 @@ class RepairRecord:
     coverage_before: float
     coverage_after: float
     milliseconds: float
+    alignment: dict[str, Any] | None = None
 
     @staticmethod
     def from_json(row: dict[str, Any]) -> RepairRecord:

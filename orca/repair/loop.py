@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -19,6 +19,7 @@ from orca.render.renderer import Renderer, Rendering
 from orca.repair.components import Component, connected_components, drop_small
 from orca.repair.detect import disocclusion_mask
 from orca.repair.donors import FillTarget, local_fill
+from orca.repair.generative import Alignment, GenerativeFailed, GenerativePriors, generative_fill
 from orca.repair.hide import InputSurface, visible_in
 from orca.repair.insert import InsertConfig, new_anchors
 from orca.repair.ledger import Ledger, RepairRecord
@@ -53,6 +54,7 @@ def repair(
     input_camera: Camera,
     seed: int = 0,
     progress: Callable[[str, int, int], None] = lambda phase, done, total: None,
+    priors: GenerativePriors | None = None,
 ) -> RepairResult:
     """Close the disocclusions that a trajectory reveals. The given anchors keep every bit.
 
@@ -66,12 +68,14 @@ def repair(
         input_camera: the view that must stay as it is: nothing is inserted in front of what it sees.
         seed: of the choice of rays in large repairs.
         progress: called as progress(phase, done, total).
+        priors: who completes large regions; None repairs them locally too, and the ledger says so.
     """
     indices = watched_indices(len(trajectory), config.views)
     cameras = [trajectory[i] for i in indices]
     first = cameras[0]
     rules = config.rules.scaled(first.width, first.height)
     loop = _Loop(anchors, decoders, cameras, indices, rules, config, render, insert, input_camera, seed, progress)
+    loop.priors = priors
     with single_threaded_torch():
         records, stopped = loop.run()
     ledger = Ledger(config.rules, rules, (first.width, first.height), tuple(records), stopped)
@@ -105,6 +109,8 @@ class _Loop:
         self.anchors, self.decoders, self.indices = anchors, decoders, indices
         self.rules, self.config, self.render, self.insert_config = rules, config, render, insert
         self.generator, self.progress = np.random.default_rng(seed), progress
+        self.priors: GenerativePriors | None = None
+        self.budget = rules.generative_budget  # generative completions that may still be tried
         self.views = WatchedViews(
             cameras, Renderer(anchors, decoders, render), lambda done, total: progress("repair: views", done, total)
         )
@@ -123,8 +129,8 @@ class _Loop:
             components = connected_components(self.missing[view], self.rules.min_component_area, self.rules.bridge)
             if not components:
                 return records, "no disocclusion of the smallest area is left"
-            component, decision = order(components, self.rules.generative_budget, self.rules)[0]
-            if decision.kind == "generative":
+            component, decision = order(components, self.budget, self.rules)[0]
+            if decision.kind == "generative" and self.priors is None:
                 decision = Decision("local", "no_inpainter", f"{decision.reason}, but there is no inpainter to ask")
             records.append(self._repair_one(len(records), view, component, decision))
         return records, f"the limit of {self.rules.max_iterations} repairs was reached"
@@ -145,8 +151,10 @@ class _Loop:
         camera, before = self.views.cameras[view], self.views.rendered[view]
         whole = component.full_mask(camera.height, camera.width)
         coverage_before = float(before.alpha[whole].mean())
-        fill = self._fill(before, component)
-        new = new_anchors(fill, camera, self.anchors, self.decoders, self.rules, self.insert_config, self.surface)
+        fill, decision, alignment = self._fill(before, component, camera, decision)
+        generative = decision.kind == "generative"
+        rules = replace(self.rules, max_anchors=self.config.generative.max_anchors) if generative else self.rules
+        new = new_anchors(fill, camera, self.anchors, self.decoders, rules, self.insert_config, self.surface)
         new = self._invisible_in_input(self._optimised(new, component, fill, view))
         touched = [view]
         if len(new):
@@ -172,6 +180,7 @@ class _Loop:
             coverage_before=coverage_before,
             coverage_after=float(after.alpha[whole].mean()),
             milliseconds=1e3 * (time.perf_counter() - started),
+            alignment=None if alignment is None else alignment.to_json(),
         )
 
     def _invisible_in_input(self, new: GaussianAnchors) -> GaussianAnchors:
@@ -185,12 +194,25 @@ class _Loop:
         guilty = visible_in(new, near, camera, before, _INPUT_TOLERANCE)
         return new.subset(torch.from_numpy(~guilty))
 
-    def _fill(self, before: Rendering, component: Component) -> FillTarget:
+    def _fill(
+        self, before: Rendering, component: Component, camera: Camera, decision: Decision
+    ) -> tuple[FillTarget, Decision, Alignment | None]:
+        """The target of a repair, and the decision as it came out: whatever fails generatively is repaired locally."""
         # Half-covered pixels are mixed with the background colour: no donors.
         valid = (before.alpha >= _DONOR_ALPHA) & (before.depth > 0)
         if not valid.any():
             valid = (before.alpha >= self.rules.alpha_threshold) & (before.depth > 0)
-        return local_fill(before.rgb, before.depth, valid, component, self.rules, scheme=self.config.fill)
+        local = local_fill(before.rgb, before.depth, valid, component, self.rules, scheme=self.config.fill)
+        if decision.kind == "local" or self.priors is None:
+            return local, decision, None
+        self.budget -= 1  # a completion that fails has cost as much as one that works
+        config = self.config.generative.scaled(camera.width, camera.height)
+        try:
+            made = generative_fill(before.rgb, before.depth, valid, component, local, camera, self.priors, config)
+        except GenerativeFailed as error:
+            reason = f"{decision.reason}; repaired locally because {error.given}"
+            return local, Decision("local", "generative_failed", reason), None
+        return made.target, decision, made.alignment
 
     def _optimised(self, new: GaussianAnchors, component: Component, fill: FillTarget, view: int) -> GaussianAnchors:
         """The new anchors fitted to the fill inside the hole and to the render as it was in a thin ring around it."""

@@ -4,13 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 
 from orca.camera import Camera
 from orca.config import CanvasConfig
 from orca.conventions import Float32Array, Float64Array
+from orca.priors.depth import DepthProvider
 from orca.priors.outpaint import Outpainter, extend_depth
+from orca.stages.margin_depth import estimated_margin
 
 __all__ = ["Canvas", "make_canvas", "needed_margins"]
 
@@ -25,12 +28,21 @@ class Canvas:
         depth: z-depth over the canvas, same size, float32.
         camera: the canvas camera: same centre and orientation, intrinsics shifted by the margins (paper Sec. 3.1).
         margins: left, top, right, bottom in pixels.
+        margin_depth: where the depth outside the original comes from, in words.
     """
 
     image: Float32Array
     depth: Float32Array
     camera: Camera
     margins: tuple[int, int, int, int]
+    margin_depth: str = "there is no margin"
+
+    @property
+    def scale(self) -> tuple[float, float]:
+        """How many times wider and higher than the original the canvas is."""
+        height, width = self.image.shape[:2]
+        left, top, right, bottom = self.margins
+        return width / (width - left - right), height / (height - top - bottom)
 
     @property
     def original(self) -> tuple[slice, slice]:
@@ -76,13 +88,22 @@ def make_canvas(
     trajectory: Sequence[Camera],
     config: CanvasConfig,
     outpainter: Outpainter | None,
+    estimator: DepthProvider | None = None,
 ) -> Canvas:
-    """Outpaint as far as the trajectory looks; without an outpainter the canvas is the image itself."""
+    """Outpaint as far as the trajectory looks; without an outpainter the canvas is the image itself.
+
+    An outpainter that invents content needs depth that belongs to it: with an ``estimator`` it is estimated on the
+    outpainted image. What mirrors or repeats the image takes depth the same way.
+    """
     if outpainter is None:
         return Canvas(image, depth, camera, (0, 0, 0, 0))
     margins = needed_margins(camera, trajectory, depth, config.max_scale)
-    # Colour and depth are extended the same way; an outpainter of another kind goes with mirrored depth.
-    extended = extend_depth(depth, *margins, mode="edge" if outpainter.name == "edge" else "mirror")
-    canvas = Canvas(outpainter.outpaint(image, *margins), extended, camera.padded(*margins), margins)
-    canvas.image[canvas.original] = image
-    return canvas
+    invents = outpainter.name not in ("mirror", "edge")
+    mode: Literal["mirror", "edge"] = "mirror" if outpainter.name == "mirror" else "edge"
+    extended, words = extend_depth(depth, *margins, mode=mode), f"the original's, extended ({mode})"
+    painted, wide = outpainter.outpaint(image, *margins), camera.padded(*margins)
+    original = (slice(margins[1], margins[1] + image.shape[0]), slice(margins[0], margins[0] + image.shape[1]))
+    if invents and estimator is not None and any(margins):
+        extended, words = estimated_margin(painted, extended, original, wide, estimator)
+    painted[original] = image
+    return Canvas(painted, extended, wide, margins, words)

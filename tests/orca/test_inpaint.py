@@ -13,6 +13,7 @@ from orca.priors import classical
 from orca.priors.inpaint import INPAINTERS, InpaintFailed
 
 H, W = 40, 50
+WITHOUT_WEIGHTS = [name for name in INPAINTERS if name != "sd15"]
 
 
 def picture(seed: int = 0) -> np.ndarray:
@@ -26,9 +27,7 @@ def hole(top: int = 10, left: int = 12, height: int = 9, width: int = 14) -> np.
 
 
 @settings(max_examples=20, deadline=None)
-@given(
-    st.sampled_from(list(INPAINTERS)), st.integers(0, 38), st.integers(0, 48), st.integers(1, 40), st.integers(1, 40)
-)
+@given(st.sampled_from(WITHOUT_WEIGHTS), st.integers(0, 38), st.integers(0, 48), st.integers(1, 40), st.integers(1, 40))
 def test_only_the_hole_changes(name: str, top: int, left: int, height: int, width: int) -> None:
     image, mask = picture(), hole(top, left, height, width)
     image[mask] = np.nan  # what lies under the mask must not matter
@@ -40,7 +39,7 @@ def test_only_the_hole_changes(name: str, top: int, left: int, height: int, widt
     assert result.max() <= 1
 
 
-@pytest.mark.parametrize("name", list(INPAINTERS))
+@pytest.mark.parametrize("name", WITHOUT_WEIGHTS)
 def test_a_hole_in_a_flat_region_takes_its_colour(name: str) -> None:
     image = np.broadcast_to(np.array([0.2, 0.5, 0.8], np.float32), (H, W, 3)).copy()
     mask = hole()
@@ -58,7 +57,7 @@ def test_nearest_by_hand() -> None:
     np.testing.assert_array_equal(result, image)
 
 
-@pytest.mark.parametrize("name", list(INPAINTERS))
+@pytest.mark.parametrize("name", WITHOUT_WEIGHTS)
 def test_an_empty_mask_changes_nothing(name: str) -> None:
     image = picture()
     result = INPAINTERS.get(name)().inpaint(image, np.zeros((H, W), bool))
@@ -66,7 +65,7 @@ def test_an_empty_mask_changes_nothing(name: str) -> None:
     assert result is not image
 
 
-@pytest.mark.parametrize("name", list(INPAINTERS))
+@pytest.mark.parametrize("name", WITHOUT_WEIGHTS)
 def test_bad_input_is_typed(name: str) -> None:
     inpainter = INPAINTERS.get(name)()
     with pytest.raises(BadInput, match="covers the whole"):

@@ -72,7 +72,8 @@ def calls(monkeypatch: pytest.MonkeyPatch) -> list[dict[str, Any]]:
     ) -> Reconstruction:
         seen.append({"camera": camera, "depth": depth, "trajectory": trajectory, "config": config, **rest})
         rest["progress"]("planar fit", 1, 1)
-        record = {"seconds": {"planar": 0.5}, "input_psnr": {"final": 30.0}, "anchors": {"original": 1}}
+        record: dict[str, Any] = {"seconds": {"planar": 0.5}, "input_psnr": {"final": 30.0}, "anchors": {"original": 1}}
+        record["priors"] = {"outpainter": "mirror", "inpainter": "classical", "depth": "none"}
         return Reconstruction(small_scene(camera), {"schema_version": 1, "repairs": []}, record)
 
     monkeypatch.setattr(pipeline, "reconstruct", fake)
