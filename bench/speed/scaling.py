@@ -48,10 +48,10 @@ def scaling_exponents(rows: Sequence[SpeedRow]) -> list[Exponent]:
         groups["pixels", *what, row.anchors].append((row.width**2, row.wall_ms))
         groups["anchors", *what, row.width].append((int(row.facts.get("anchors") or row.anchors), row.wall_ms))
     out = []
-    for (along, *what, fixed), points in groups.items():
+    for (along, case, backend, mode, threads, fixed), points in groups.items():
         points.sort()
         sizes, times = (np.array(column, float) for column in zip(*points, strict=True))
         if len(set(sizes)) > 1:
             slope = float(np.polyfit(np.log(sizes), np.log(times), 1)[0])
-            out.append(Exponent(along, *what, fixed, tuple(int(s) for s in sizes), slope))
+            out.append(Exponent(along, case, backend, mode, threads, fixed, tuple(int(s) for s in sizes), slope))
     return out
