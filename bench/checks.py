@@ -29,6 +29,8 @@ def check_output(case: SceneCase, output: MethodOutput) -> None:
     _check_image("frames", output.frames, (len(case.eval_indices), None, None, 3))
     if output.coverage is not None:
         _check_coverage("coverage", output.coverage, output.frames.shape[:3])
+    if output.frame_depth is not None:
+        _check_depth("frame_depth", output.frame_depth, output.frames.shape[:3])
     if output.input_view is not None:
         _check_image("input_view", output.input_view, (None, None, 3))
     per_view = ("true_views", "true_view_coverage", "true_view_depth")
@@ -40,8 +42,7 @@ def check_output(case: SceneCase, output: MethodOutput) -> None:
     for view, alpha in zip(output.true_views or (), output.true_view_coverage or ()):
         _check_coverage("true_view_coverage", alpha, view.shape[:2])
     for view, depth in zip(output.true_views or (), output.true_view_depth or ()):
-        if not isinstance(depth, np.ndarray) or depth.dtype != np.float32 or depth.shape != view.shape[:2]:
-            raise _wrong("true_view_depth", _described(depth), f"float32 {list(view.shape[:2])}")
+        _check_depth("true_view_depth", depth, view.shape[:2])
 
 
 def _check_image(name: str, image: UInt8Array, shape: tuple[int | None, ...]) -> None:
@@ -58,6 +59,11 @@ def _check_coverage(name: str, coverage: Float32Array, shape: tuple[int, ...]) -
     low, high = float(coverage.min()), float(coverage.max())
     if not (low >= -1e-3 and high <= 1 + 1e-3):  # NaN fails too
         raise _wrong(name, f"values from {low:g} to {high:g}", "finite values in [0, 1]")
+
+
+def _check_depth(name: str, depth: Float32Array, shape: tuple[int, ...]) -> None:
+    if not isinstance(depth, np.ndarray) or depth.dtype != np.float32 or depth.shape != shape:
+        raise _wrong(name, _described(depth), f"float32 {list(shape)}")
 
 
 def _described(array: object) -> str:

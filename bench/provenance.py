@@ -48,7 +48,7 @@ def case_hashes(case: SceneCase) -> dict[str, str]:
 def output_hashes(output: MethodOutput) -> dict[str, str]:
     """SHA-256 of what a method returned besides its frames: part -> hash; a part it did not give is absent."""
     parts: dict[str, str] = {}
-    for name in ("coverage", "input_view"):
+    for name in ("coverage", "input_view", "frame_depth"):
         array = getattr(output, name)
         if array is not None:
             parts[name] = _array(array)

@@ -12,7 +12,7 @@ from orca.camera import Camera
 from orca.conventions import PIXEL_CENTRE, Float32Array, Float64Array, UInt8Array
 from orca.errors import BadInput
 
-__all__ = ["Projection", "Splat", "forward_splat", "project_depth", "sure_points"]
+__all__ = ["Projection", "Splat", "depth_edges", "forward_splat", "project_depth", "sure_points"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,7 +132,19 @@ def sure_points(
     visible &= projection.z[inside] <= nearest * (1.0 + depth_tolerance)
     sure = np.zeros(len(projection.z), np.bool_)
     sure[inside] = visible
-    return sure & ~_depth_edges(depth, edge_ratio).ravel(), projection
+    return sure & ~depth_edges(depth, edge_ratio).ravel(), projection
+
+
+def depth_edges(depth: Float32Array, ratio: float) -> NDArray[np.bool_]:
+    """Pixels [H, W] whose 3x3 neighbourhood spans more than ``ratio`` in depth, or holds an unusable depth.
+
+    Unusable is what is not finite and positive.
+    """
+    usable = np.isfinite(depth) & (depth > 0)
+    kernel = np.ones((3, 3), np.uint8)
+    far = cv2.dilate(np.where(usable, depth, np.inf).astype(np.float32), kernel)
+    near = cv2.erode(np.where(usable, depth, 0.0).astype(np.float32), kernel)
+    return np.asarray(~(far < near * ratio))
 
 
 def _homogeneous(
@@ -174,15 +186,6 @@ def _z_buffer(projection: Projection, target: Camera) -> _Winner:
 def _local_minimum(depth: Float32Array, window: int) -> Float32Array:
     """Minimum over a square window, holes (infinite) ignored."""
     return np.asarray(cv2.erode(depth, np.ones((window, window), np.uint8)), np.float32)
-
-
-def _depth_edges(depth: Float32Array, ratio: float) -> NDArray[np.bool_]:
-    """Pixels whose 3x3 neighbourhood spans more than ``ratio`` in depth, or holds an unusable depth."""
-    usable = np.isfinite(depth) & (depth > 0)
-    kernel = np.ones((3, 3), np.uint8)
-    far = cv2.dilate(np.where(usable, depth, np.inf).astype(np.float32), kernel)
-    near = cv2.erode(np.where(usable, depth, 0.0).astype(np.float32), kernel)
-    return np.asarray(~(far < near * ratio))
 
 
 def _check_size(what: str, shape: tuple[int, ...], camera: Camera) -> None:

@@ -48,6 +48,8 @@ class MethodOutput:
         true_view_coverage: accumulated alpha of those renders, or None.
         true_view_depth: z-depth of those renders in the units of the case, [H, W] float32, not positive where there is
             none; None if the method has no geometry there.
+        frame_depth: the same for ``frames``, [n, H, W] float32 (NaN and infinite also mean none), or None. Stored as
+            float16, which moves a point by less than 1/2000 of its parallax.
         timing: seconds per phase ("depth", "fit", "repair", "render", ...); "render_ms_per_frame" where known.
         model: size and make of the model: "anchors", "bytes", "preset", lifting, placement scale and spread, ...
         notes: what a reader of the table must know ("decoded from H.264 crf 23").
@@ -59,6 +61,7 @@ class MethodOutput:
     true_views: tuple[UInt8Array, ...] | None = None
     true_view_coverage: tuple[Float32Array, ...] | None = None
     true_view_depth: tuple[Float32Array, ...] | None = None
+    frame_depth: Float32Array | None = None
     timing: dict[str, float] = field(default_factory=dict)
     model: dict[str, Any] = field(default_factory=dict)
     notes: tuple[str, ...] = ()

@@ -16,6 +16,7 @@ from orca.conventions import Float32Array, UInt8Array, to_float, to_uint8
 if TYPE_CHECKING:
     from orca.config import ReconstructConfig
     from orca.pipeline import Reconstruction
+    from orca.priors.choose import Priors
 
 __all__ = ["ORCA", "ORCA_NO_REPAIR", "ORCA_PAPER", "ORCA_PLAIN_FILL", "OrcaMethod"]
 
@@ -45,7 +46,10 @@ class OrcaMethod:
 
         config = self._config(options).to_json()
         digest = hashlib.sha256(json.dumps(config, sort_keys=True).encode()).hexdigest()[:12]
-        return f"orca {CODE_VERSION}, {options.preset} {digest}, {self.lifting} lifting, seed {options.seed}"
+        names = self._priors(options).to_json()  # "auto" depends on which weights are here
+        priors = "/".join(str(names[key]) for key in ("outpainter", "inpainter", "depth"))
+        base = f"orca {CODE_VERSION}, {options.preset} {digest}, {self.lifting} lifting, seed {options.seed}"
+        return f"{base}, priors {priors}"
 
     def run(self, case: SceneCase, options: RunOptions) -> MethodOutput:
         """Reconstruct the scene, then render every evaluated camera."""
@@ -62,6 +66,7 @@ class OrcaMethod:
             # The last view is always watched, so a scene is repaired where it will be compared with the truth.
             (*novel, *truth),
             config,
+            priors=self._priors(options),
             seed=options.seed,
             device=options.device,
             progress=options.progress,
@@ -77,6 +82,13 @@ class OrcaMethod:
         seconds = time.perf_counter() - started
         timing = {**result.record["seconds"], "render": seconds, "render_ms_per_frame": 1e3 * seconds / len(cameras)}
         return self._output(rendered, len(novel), timing, self._model(result, options))
+
+    def _priors(self, options: RunOptions) -> Priors:
+        """What is not in the image comes from weights on this machine; a run downloads nothing."""
+        from orca.priors.choose import Priors
+        from orca.priors.hub import ModelAccess
+
+        return Priors.of(self._config(options), ModelAccess(options.weights_dir, True, options.device), options.seed)
 
     def _config(self, options: RunOptions) -> ReconstructConfig:
         """The preset with this method's lifting and repair."""
@@ -117,6 +129,7 @@ class OrcaMethod:
             true_views=tuple(rgb[novel + 1 :]),
             true_view_coverage=tuple(alpha[novel + 1 :]),
             true_view_depth=tuple(depth[novel + 1 :]),
+            frame_depth=np.stack(depth[:novel]),
             timing=timing,
             model=model,
         )

@@ -51,11 +51,12 @@ class Warp:
         novel, true = views[: len(case.eval_indices)], views[len(case.eval_indices) :]
         clock["render_ms_per_frame"] = 1e3 * sum(clock.values()) / total
         return MethodOutput(
-            frames=np.stack([rgb for rgb, _ in novel]),
-            coverage=np.stack([alpha for _, alpha in novel]),
+            frames=np.stack([rgb for rgb, _, _ in novel]),
+            coverage=np.stack([alpha for _, alpha, _ in novel]),
             input_view=case.image,
-            true_views=tuple(rgb for rgb, _ in true),
-            true_view_coverage=tuple(alpha for _, alpha in true),
+            true_views=tuple(rgb for rgb, _, _ in true),
+            true_view_coverage=tuple(alpha for _, alpha, _ in true),
+            frame_depth=np.stack([depth for _, _, depth in novel]),
             timing=clock,
             model={
                 "is_warp_reference": True,
@@ -65,17 +66,19 @@ class Warp:
             notes=self._notes(case),
         )
 
-    def _view(self, case: SceneCase, camera: Camera, clock: dict[str, float]) -> tuple[UInt8Array, Float32Array]:
-        """Colours and coverage at one camera; adds the seconds to the clock."""
+    def _view(
+        self, case: SceneCase, camera: Camera, clock: dict[str, float]
+    ) -> tuple[UInt8Array, Float32Array, Float32Array]:
+        """Colours, coverage and depth at one camera; adds the seconds to the clock."""
         started = time.perf_counter()
         splat = forward_splat(case.image, case.depth, case.camera, camera)
         splatted = time.perf_counter()
         clock["render"] += splatted - started
         if self.fill == "none":
-            return splat.rgb, splat.hit.astype(np.float32)
+            return splat.rgb, splat.hit.astype(np.float32), splat.depth
         filled = (_inpaint if self.fill == "telea" else _nearest)(splat.rgb, splat.hit)
         clock["inpaint"] = clock.get("inpaint", 0.0) + time.perf_counter() - splatted
-        return filled, np.ones(splat.hit.shape, np.float32)
+        return filled, np.ones(splat.hit.shape, np.float32), splat.depth
 
     def _notes(self, case: SceneCase) -> tuple[str, ...]:
         depth = f"warped with the reference depth ({case.depth_source})"

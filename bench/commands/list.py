@@ -27,10 +27,15 @@ METRIC_DESCRIPTIONS = {
     "psnr": "PSNR against a real second view, dB",
     "ssim": "SSIM against a real second view",
     "hole_psnr": "PSNR against a real second view where the input shows nothing, dB",
+    "hole_ssim": "SSIM against a real second view where the input shows nothing",
+    "lpips": "LPIPS (AlexNet) against a real second view; needs weights",
+    "hole_lpips": "LPIPS (AlexNet) against a real second view where the input shows nothing; needs weights",
     "hidden_depth": "share of filled pixels that lie nearer to what was hidden than to what hid it (synthetic only)",
     "input_psnr": "PSNR of the input view, dB",
     "hole_fraction": "share of pixels that the method leaves empty",
     "visible_psnr": "PSNR of novel views where their content is visible in the input, dB",
+    "flicker": "colour change of the input's points between consecutive frames, by the reference depth, 0..255",
+    "flicker_own_depth": "colour change of all points between consecutive frames, by the method's own depth, 0..255",
     "niqe": "NIQE, no reference; needs the prior in --weights-dir",
     "musiq": "MUSIQ, no reference; needs weights",
     "clipiqa": "CLIP-IQA, no reference; needs weights",
@@ -39,6 +44,10 @@ METRIC_DESCRIPTIONS = {
     "llava_structure": "LLaVA-IQA: share of frames with a coherent layout",
     "llava_detail": "LLaVA-IQA: share of frames with detailed textures",
     "llava_quality": "LLaVA-IQA: share of frames of high overall quality",
+    "lpips_vgg": "LPIPS (VGG-16) against a real second view; needs weights; on request",
+    "hole_lpips_vgg": "the same where the input shows nothing; on request",
+    "epipolar_self_consistency": "TSED with geometry estimated from the frames: blind to wrong cameras; on request",
+    "epipolar_self_consistency_median_sed": "median distance to the estimated geometry, px; on request",
 }
 
 

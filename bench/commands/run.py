@@ -13,7 +13,8 @@ from bench.commands.names import chosen
 from bench.commands.outcome import Outcome
 from bench.datasets import open_dataset, resolve_data_root
 from bench.measured import read_runs
-from bench.metrics import METRICS
+from bench.metrics import METRICS, ON_REQUEST, MetricOptions
+from bench.metrics.llava_endpoint import LlavaEndpoint
 from bench.pairs import pairs_table
 from bench.progress import BarReporter
 from bench.runner import RunRequest, RunSummary, run_bench
@@ -61,7 +62,7 @@ def run_command(args: argparse.Namespace) -> Outcome:
 
 def _request(args: argparse.Namespace) -> RunRequest:
     methods = chosen("method", args.methods, METHODS, default_methods(args.dataset), is_external)
-    metrics = chosen("metric", args.metrics, METRICS, METRICS)
+    metrics = chosen("metric", args.metrics, METRICS, [name for name in METRICS if name not in ON_REQUEST])
     preset = get_preset(args.preset)
     dataset = open_dataset(args.dataset, data_root=args.data_root, images=args.images, trajectory=args.trajectory)
     known = dataset.scenes()
@@ -86,6 +87,7 @@ def _request(args: argparse.Namespace) -> RunRequest:
         images=args.images,
         trajectory=args.trajectory,
         retry_failed=args.retry_failed,
+        metric_options=MetricOptions(llava=_llava_endpoint(args)),
         command=shlex.join(["python", "-m", "bench", *(a for a in args.argv if a not in ("--json", "--debug"))]),
         preset_config=preset.to_json(),
         argv=tuple(args.argv),
@@ -101,6 +103,19 @@ def _weights_dir(given: Path | None, data_root: Path) -> Path | None:
     if not given.is_dir():
         raise BadInput(f"--weights-dir {given}", "an existing folder", "make the folder, or leave the option out")
     return given
+
+
+def _llava_endpoint(args: argparse.Namespace) -> LlavaEndpoint | None:
+    given = {
+        name: getattr(args, f"llava_{option}")
+        for name, option in (("model", "model"), ("concurrency", "concurrency"), ("timeout_s", "timeout"))
+        if getattr(args, f"llava_{option}") is not None
+    }
+    if args.llava_url is not None:
+        return LlavaEndpoint(args.llava_url, **{"model": "", **given})
+    if given:
+        raise BadInput("options of a LLaVA endpoint without one", "--llava-url with them", "give its address")
+    return None
 
 
 def _checked_device(device: str) -> str:

@@ -20,25 +20,28 @@ from bench.metrics.fidelity import (
     psnr_of_mse,
     resize_to,
     ssim,
+    ssim_inside,
 )
 from bench.metrics.metric import MetricInput, MetricSpec, Score
 from orca.conventions import UInt8Array
 from orca.errors import BadInput
 
-__all__ = ["InputPsnr", "TrueViewScores"]
+__all__ = ["NOTHING_HIDDEN", "InputPsnr", "TrueViewScores", "matched_renders", "mean_over_views", "no_true_view"]
 
+NOTHING_HIDDEN = "nothing is hidden in the true view"
 IDENTICAL = "identical to the reference (infinite PSNR)"
 SHIFTS = (-1.0, -0.5, 0.0, 0.5, 1.0)
 BORDER = 2
 
 
 class TrueViewScores:
-    """PSNR and SSIM against real photographs from other places, and PSNR on what the input could not see."""
+    """PSNR and SSIM against real photographs from other places, over the image and on what the input could not see."""
 
     def specs(self, weights_dir: Path | None) -> tuple[MetricSpec, ...]:
-        """Specs of `psnr`, `ssim` and `hole_psnr`."""
+        """Specs of `psnr`, `ssim`, `hole_psnr` and `hole_ssim`."""
         views = f"mean over true views; {RESIZE_RULE}"
         hidden = "PSNR inside the mask of pixels that no input pixel reaches; mean over true views"
+        hidden_map = "SSIM map averaged inside the mask of pixels that no input pixel reaches; mean over true views"
         return (
             MetricSpec("psnr", "PSNR, true view (dB)", True, (0.0, None), f"{PSNR_VARIANT}; {views}", "bench 1", 2),
             MetricSpec(
@@ -58,20 +61,28 @@ class TrueViewScores:
                 "bench 1",
                 2,
             ),
+            MetricSpec(
+                "hole_ssim",
+                "SSIM, hidden part",
+                True,
+                (-1.0, 1.0),
+                f"{SSIM_VARIANT}; {hidden_map}; {RESIZE_RULE}",
+                f"scikit-image {version('scikit-image')}",
+            ),
         )
 
     def compute(self, given: MetricInput) -> dict[str, Score]:
         """Score the renders at the cameras of ``case.true_views``. Raises `BadInput` if their number is wrong."""
-        reason = _no_true_view(given)
+        reason = no_true_view(given)
         if reason is not None:
-            return {name: Score(None, 0, reason) for name in ("psnr", "ssim", "hole_psnr")}
-        views = given.case.true_views
-        renders = _matched_renders(given, views)
+            return {name: Score(None, 0, reason) for name in ("psnr", "ssim", "hole_psnr", "hole_ssim")}
+        views, renders = given.case.true_views, matched_renders(given)
         full = [psnr_of_mse(mean_squared_error(r, v.image)) for r, v in zip(renders, views, strict=True)]
         return {
-            "psnr": _mean(full, [IDENTICAL if math.isinf(x) else "" for x in full]),
-            "ssim": _mean(*_ssim_values(renders, views)),
-            "hole_psnr": _mean(*_hidden_values(renders, views)),
+            "psnr": mean_over_views(full, [IDENTICAL if math.isinf(x) else "" for x in full]),
+            "ssim": mean_over_views(*_ssim_values(renders, views)),
+            "hole_psnr": mean_over_views(*_hidden_values(renders, views)),
+            "hole_ssim": mean_over_views(*_hidden_ssim_values(renders, views)),
         }
 
 
@@ -95,7 +106,8 @@ class InputPsnr:
         return {"input_psnr": _register(view, given.case)}
 
 
-def _no_true_view(given: MetricInput) -> str | None:
+def no_true_view(given: MetricInput) -> str | None:
+    """Why nothing can be compared with a true view; None if something can."""
     if not given.case.true_views:
         return "no true view in this data set"
     if given.output.true_views is None:
@@ -103,9 +115,9 @@ def _no_true_view(given: MetricInput) -> str | None:
     return None
 
 
-def _matched_renders(given: MetricInput, views: tuple[TrueView, ...]) -> list[UInt8Array]:
-    """Renders in the true views' sizes."""
-    renders = given.output.true_views or ()
+def matched_renders(given: MetricInput) -> list[UInt8Array]:
+    """The method's renders in the true views' sizes, in order. Raises `BadInput` unless there is one for each."""
+    views, renders = given.case.true_views, given.output.true_views or ()
     if len(renders) != len(views):
         raise BadInput(
             f"{len(renders)} renders for {len(views)} true views",
@@ -129,14 +141,25 @@ def _hidden_values(renders: list[UInt8Array], views: tuple[TrueView, ...]) -> tu
     for render, view in zip(renders, views, strict=True):
         if not view.hidden.any():
             values.append(math.nan)
-            reasons.append("nothing is hidden in the true view")
+            reasons.append(NOTHING_HIDDEN)
             continue
         values.append(psnr_of_mse(mean_squared_error(render, view.image, view.hidden)))
         reasons.append(IDENTICAL if math.isinf(values[-1]) else "")
     return values, reasons
 
 
-def _mean(values: list[float], reasons: list[str]) -> Score:
+def _hidden_ssim_values(renders: list[UInt8Array], views: tuple[TrueView, ...]) -> tuple[list[float], list[str]]:
+    values, reasons = [], []
+    for render, view in zip(renders, views, strict=True):
+        fits = min(view.image.shape[:2]) >= SSIM_WINDOW
+        value = ssim_inside(render, view.image, view.hidden) if fits else None
+        values.append(math.nan if value is None else value)
+        small = f"no whole {SSIM_WINDOW}x{SSIM_WINDOW} window around a hidden pixel"
+        reasons.append((small if view.hidden.any() else NOTHING_HIDDEN) if value is None else "")
+    return values, reasons
+
+
+def mean_over_views(values: list[float], reasons: list[str]) -> Score:
     """Mean over the views; without a value if any view has none, since a mean over fewer views is another score."""
     per_view = tuple(float(x) if math.isfinite(x) else None for x in values)
     missing = [reason for x, reason in zip(per_view, reasons, strict=True) if x is None]

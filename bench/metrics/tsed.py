@@ -11,7 +11,7 @@ from bench.metrics.metric import MetricInput, MetricSpec, Score
 from bench.metrics.tsed_config import TsedConfig
 from bench.metrics.tsed_sequence import SequenceScore, score_sequence
 
-__all__ = ["NO_POWER", "Tsed"]
+__all__ = ["NO_POWER", "EpipolarSelfConsistency", "Tsed"]
 
 NO_POWER = "no power at this step size"
 
@@ -62,6 +62,13 @@ class Tsed:
             return {self.id: few, f"{self.id}_median_sed": few}
         sequence = score_sequence(frames, cameras, self.config, self.threads)
         return {self.id: _fraction(sequence, frames.shape[1]), f"{self.id}_median_sed": _median(sequence)}
+
+
+class EpipolarSelfConsistency(Tsed):
+    """The estimated mode with its settings at their defaults, as the registry knows it."""
+
+    def __init__(self, threads: int = 2) -> None:
+        super().__init__(TsedConfig(mode="estimated"), threads)
 
 
 def _geometry(config: TsedConfig) -> str:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from bench.adapters.adapter import MethodOutput
 from bench.datasets.case import SceneCase, TrueView
 from bench.metrics import METRICS
-from bench.metrics.fidelity import mean_squared_error, psnr_of_mse, resize_to, ssim
+from bench.metrics.fidelity import mean_squared_error, psnr_of_mse, read_at, resize_to, ssim, ssim_inside
 from bench.metrics.metric import MetricInput, Score
 from bench.metrics.reference import InputPsnr, TrueViewScores
 from orca.errors import BadInput
@@ -78,15 +78,76 @@ def test_ssim_equals_the_formula_written_out() -> None:
     assert ssim(a, b) == pytest.approx(map_.mean(), abs=1e-6)
 
 
-def test_more_noise_and_more_blur_are_worse() -> None:
+def window_ssim(a: NDArray[np.uint8], b: NDArray[np.uint8], y: int, x: int) -> float:
+    """SSIM of the one 7x7 window around a pixel, mean over the channels, by the formula."""
+    p, q = (i[y - 3 : y + 4, x - 3 : x + 4].reshape(49, 3).astype(np.float64) for i in (a, b))
+    c1, c2 = (0.01 * 255) ** 2, (0.03 * 255) ** 2
+    m, n = p.mean(0), q.mean(0)
+    covariance = ((p - m) * (q - n)).sum(0) / 48
+    top = (2 * m * n + c1) * (2 * covariance + c2)
+    return float((top / ((m**2 + n**2 + c1) * (p.var(0, ddof=1) + q.var(0, ddof=1) + c2))).mean())
+
+
+def test_masked_ssim_is_the_mean_of_the_windows_around_masked_pixels() -> None:
+    a, b = smooth_image(H, W), noise_image(H, W, 4)
+    b = cv2.addWeighted(a, 0.7, b, 0.3, 0)
+    mask = np.zeros((H, W), np.bool_)
+    mask[5, 7] = mask[20, 30] = True
+    mask[0, 0] = mask[H - 1, 11] = True  # no whole window around these
+    expected = (window_ssim(a, b, 5, 7) + window_ssim(a, b, 20, 30)) / 2
+    assert ssim_inside(a, b, mask) == pytest.approx(expected, abs=1e-6)
+    assert ssim_inside(a, b, np.ones((H, W), np.bool_)) == pytest.approx(ssim(a, b), abs=1e-12)
+    border = np.zeros((H, W), np.bool_)
+    border[:3] = True
+    assert ssim_inside(a, b, border) is None
+    found = true_view_scores(case_with_true_view(a, mask), b)["hole_ssim"]
+    assert found.value == pytest.approx(expected, abs=1e-6)
+    reason = true_view_scores(case_with_true_view(a, border), b)["hole_ssim"].reason
+    assert reason == "no whole 7x7 window around a hidden pixel"
+
+
+def test_scores_equal_scikit_image() -> None:
+    from skimage.metrics import peak_signal_noise_ratio, structural_similarity
+
+    a, b = smooth_image(H, W), cv2.addWeighted(smooth_image(H, W), 0.6, noise_image(H, W, 2), 0.4, 0)
+    hidden = np.zeros((H, W), np.bool_)
+    hidden[8:30, 20:] = True
+    found = true_view_scores(case_with_true_view(a, hidden), b)
+    assert found["psnr"].value == pytest.approx(peak_signal_noise_ratio(a, b, data_range=255), abs=1e-9)
+    masked = peak_signal_noise_ratio(a[hidden], b[hidden], data_range=255)
+    assert found["hole_psnr"].value == pytest.approx(masked, abs=1e-9)
+    assert found["ssim"].value == pytest.approx(structural_similarity(a, b, channel_axis=2, data_range=255), abs=1e-9)
+
+
+def test_masking_is_not_painting() -> None:
+    """Equal paint outside the mask would raise every score: 10 levels inside a quarter of the image are 28.1 dB."""
+    image = np.full((H, W, 3), 100, np.uint8)
+    hidden = np.zeros((H, W), np.bool_)
+    hidden[: H // 2, : W // 2] = True
+    render = np.where(hidden[..., None], image + 10, noise_image(H, W))
+    found = true_view_scores(case_with_true_view(image, hidden), render)
+    assert found["hole_psnr"].value == pytest.approx(20 * math.log10(25.5))
+
+
+def test_reading_between_pixels() -> None:
+    image = np.zeros((2, 3, 3), np.uint8)
+    image[0, 1], image[1, 1] = 100, 200
+    at = np.array([[1.5, 0.5], [1.5, 1.0], [1.0, 0.5], [1.25, 1.5]])
+    np.testing.assert_allclose(read_at(image, at)[:, 0], [100, 150, 50, 150], atol=1e-3)
+    assert read_at(image, np.zeros((0, 2))).shape == (0, 3)
+
+
+def test_more_noise_blur_and_holes_are_worse() -> None:
     image = smooth_image(H, W)
-    case = case_with_true_view(image)
+    case = case_with_true_view(image, np.ones((H, W), np.bool_))
     noise = np.random.default_rng(0).normal(size=image.shape)
     noisy = [np.clip(image + s * noise, 0, 255).astype(np.uint8) for s in (2, 8, 32)]
     blurred = [cv2.GaussianBlur(image, (0, 0), s) for s in (1, 2, 4)]
-    for ladder in (noisy, blurred):
+    where = np.random.default_rng(1).random((H, W))
+    holes = [np.where((where < share)[..., None], np.uint8(0), image) for share in (0.02, 0.1, 0.5)]
+    for ladder in (noisy, blurred, holes):
         scores = [true_view_scores(case, render) for render in ladder]
-        for name in ("psnr", "ssim"):
+        for name in ("psnr", "ssim", "hole_psnr", "hole_ssim"):
             values = [s[name].value for s in scores]
             assert values == sorted(values, key=lambda x: -math.inf if x is None else -x)
             assert len(set(values)) == 3

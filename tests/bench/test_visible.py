@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from bench.adapters.adapter import MethodOutput, RunOptions
 from bench.adapters.warp import WARP, WARP_TELEA
 from bench.datasets.case import SceneCase
-from bench.metrics import visible
+from bench.metrics import sure
 from bench.metrics.metric import MetricInput, Score
 from bench.metrics.visible import VisiblePsnr
 from bench.trajectories.trajectory import Trajectory
@@ -131,7 +131,8 @@ def test_a_scene_is_splatted_once_for_all_methods(monkeypatch: pytest.MonkeyPatc
         calls.append(1)
         return sure_points(*args, **kwargs)
 
-    monkeypatch.setattr(visible, "sure_points", counted)
+    monkeypatch.setattr(sure, "sure_points", counted)
+    sure.forget_sure_masks()
     metric = VisiblePsnr()
     image, poses = noise_image(H, W), [moved(6), moved(7)]
     frames = np.zeros((2, H, W, 3), np.uint8)
