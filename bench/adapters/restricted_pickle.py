@@ -146,6 +146,13 @@ def _encode(text: object, encoding: object = "") -> bytes:
         raise refused("text where bytes belong") from error
 
 
+def _no_bytes(*content: object) -> bytes:
+    """``bytes()``, by which old protocols write none."""
+    if content:
+        raise refused("bytes made of something else")
+    return b""
+
+
 def _attribute(owner: object, name: object) -> Inert:
     """``getattr(torch._C._VariableFunctionsClass, "sigmoid")``: a function that a field holds."""
     if owner is not _TorchFunctions or not isinstance(name, str):
@@ -168,7 +175,7 @@ _ALLOWED: dict[tuple[str, str], Callable[..., Any]] = {
 for _module in ("numpy.core.multiarray", "numpy._core.multiarray"):
     _ALLOWED |= {(_module, "_reconstruct"): _reconstruct, (_module, "scalar"): _scalar}
 for _module in ("__builtin__", "builtins"):
-    _ALLOWED[_module, "getattr"] = _attribute
+    _ALLOWED |= {(_module, "getattr"): _attribute, (_module, "bytes"): _no_bytes}
 
 
 class RestrictedUnpickler(pickle.Unpickler):

@@ -22,7 +22,7 @@ def cloud_of(n: int, degree: int = 0, seed: int = 0, depth: float = 2.0) -> Spla
     """Random splats around (0, 0, depth)."""
     rng = np.random.default_rng(seed)
     f32 = np.float32
-    means = rng.normal(0, 0.4, (n, 3)) + [0, 0, depth]
+    means = rng.normal(0, 0.4, (n, 3)) + np.array([0, 0, depth])
     return SplatCloud(
         means=means.astype(f32),
         log_scales=np.log(rng.uniform(0.02, 0.15, (n, 3))).astype(f32),
