@@ -24,6 +24,7 @@ def add_run(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--seed", type=int, default=0, help="the random seed (0)")
     parser.add_argument("--codec-match", action="store_true", help="send all frames through VistaDream's H.264 first")
     parser.add_argument("--score-cache", type=Path, metavar="DIR", help="scores by content (cache/scores in the run)")
+    _add_llava(parser)
     parser.add_argument("--retry-failed", action="store_true", help="run failed cells and unavailable scores again")
 
 
@@ -73,6 +74,14 @@ def add_list(parser: argparse.ArgumentParser) -> None:
     what = ("datasets", "methods", "metrics", "trajectories", "scenes")
     parser.add_argument("what", choices=what, metavar="WHAT", help=", ".join(what))
     _add_dataset(parser)
+
+
+def _add_llava(parser: argparse.ArgumentParser) -> None:
+    """The server of LLaVA-IQA; the numbers' defaults are those of `bench.metrics.llava_endpoint.LlavaEndpoint`."""
+    parser.add_argument("--llava-url", metavar="URL", help="OpenAI-compatible server for LLaVA-IQA (this machine)")
+    parser.add_argument("--llava-model", metavar="NAME", help="the model's name on that server")
+    parser.add_argument("--llava-concurrency", type=int, metavar="N", help="requests at a time (4)")
+    parser.add_argument("--llava-timeout", type=float, metavar="S", help="seconds for a request (60)")
 
 
 def _add_dataset(parser: argparse.ArgumentParser) -> None:

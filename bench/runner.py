@@ -13,7 +13,7 @@ from bench.cell import Cell, LazyCase
 from bench.codec import CODEC
 from bench.datasets.case import Dataset
 from bench.host import host_facts
-from bench.metrics import METRICS, Metric
+from bench.metrics import METRICS, Metric, MetricOptions
 from bench.parquet import write_scores
 from bench.plan import IDENTITY, check_same_run
 from bench.progress import Reporter, SilentReporter
@@ -46,6 +46,7 @@ class RunRequest:
         argv: the command line as it was given, word by word.
         codec_match: score every method's pictures after `bench.codec`.
         score_cache: folder of scores by content; None for the run's own.
+        metric_options: what the user chose about metrics; the file of answers is the run's own.
     """
 
     dataset: Dataset
@@ -62,6 +63,7 @@ class RunRequest:
     argv: tuple[str, ...] = ()
     codec_match: bool = False
     score_cache: Path | None = None
+    metric_options: MetricOptions = field(default_factory=MetricOptions)
 
     @property
     def identity(self) -> dict[str, Any]:
@@ -111,7 +113,8 @@ def run_bench(
     adapters = open_methods(request.methods, methods)
     store = RunStore(request.out)
     cache = ScoreCache(request.score_cache or store.root / "cache" / "scores")
-    scorer = Scorer(request.metrics, metrics, request.options.weights_dir, request.options.device, cache)
+    chosen = replace(request.metric_options, answers=store.root / "answers" / "llava.jsonl")
+    scorer = Scorer(request.metrics, metrics, request.options.weights_dir, request.options.device, cache, chosen)
     check_same_run(store.load_run(), request.identity, request.out)
     versions = {name: adapter.version(request.options) for name, adapter in adapters.items()}
     order: dict[str, Iterable[str]] = {"scenes": request.dataset.scenes(), "methods": methods, "metrics": metrics}

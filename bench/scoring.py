@@ -10,7 +10,7 @@ from typing import Any
 
 from bench.adapters.adapter import MethodOutput
 from bench.datasets.case import SceneCase
-from bench.metrics.metric import Metric, MetricInput, MetricSpec
+from bench.metrics.metric import Configurable, Metric, MetricInput, MetricOptions, MetricSpec
 from bench.record import ScoreRecord
 from bench.scorecache import ScoreCache, content_hashes
 from orca.registry import Registry
@@ -35,6 +35,7 @@ class Scorer:
         weights_dir: folder with downloaded weights, or None.
         device: "cpu" or "cuda".
         cache: where scores are looked for before they are computed, and kept after; None for nowhere.
+        options: what the user chose about metrics that have options.
 
     Raises:
         Unknown: an id that the registry does not know.
@@ -47,9 +48,11 @@ class Scorer:
         weights_dir: Path | None = None,
         device: str = "cpu",
         cache: ScoreCache | None = None,
+        options: MetricOptions | None = None,
     ) -> None:
         self.ids = tuple(registry.check(metric_id) for metric_id in ids)
         self._weights_dir, self._device, self._cache = weights_dir, device, cache
+        self._options = options or MetricOptions()
         self._hashed: tuple[MethodOutput, dict[str, Any]] | None = None  # of the output that was scored last
         self._families: list[_Family] = []
         by_class: dict[type[Metric], list[str]] = {}
@@ -98,6 +101,8 @@ class Scorer:
 
     def _family(self, cls: type[Metric], wanted: list[str]) -> _Family:
         metric = cls()
+        if isinstance(metric, Configurable):
+            metric.configure(self._options)
         broken: Exception | None = None
         try:
             specs = {spec.id: spec for spec in metric.specs(self._weights_dir)}

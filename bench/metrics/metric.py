@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, Protocol, runtime_checkable
 
 from bench.adapters.adapter import MethodOutput
 from bench.datasets.case import SceneCase
+from bench.metrics.llava_endpoint import LlavaEndpoint
 
-__all__ = ["Metric", "MetricInput", "MetricSpec", "Score"]
+__all__ = ["Configurable", "Metric", "MetricInput", "MetricOptions", "MetricSpec", "Score"]
 
 
 @dataclass(frozen=True)
@@ -55,6 +56,19 @@ class MetricInput:
 
 
 @dataclass(frozen=True)
+class MetricOptions:
+    """What a user chose about metrics, beside the folder of weights.
+
+    Attributes:
+        llava: the server that answers LLaVA-IQA's questions; None for the model on this machine.
+        answers: file of the raw answers of language models; None to keep them in memory only.
+    """
+
+    llava: LlavaEndpoint | None = None
+    answers: Path | None = None
+
+
+@dataclass(frozen=True)
 class Score:
     """One value of one metric on one scene.
 
@@ -82,4 +96,13 @@ class Metric(Protocol):
 
     def compute(self, given: MetricInput) -> dict[str, Score]:
         """Scores by metric id. Raises `Unavailable` when weights are missing: the run goes on with n/a."""
+        ...
+
+
+@runtime_checkable
+class Configurable(Protocol):
+    """A metric that has options: told of them once, before anything else is asked of it."""
+
+    def configure(self, options: MetricOptions) -> None:
+        """Take the options."""
         ...

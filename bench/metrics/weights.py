@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 
-from orca.errors import Unavailable
+from orca.errors import BadInput, Unavailable
 
 __all__ = ["WeightsFile"]
 
@@ -19,12 +19,14 @@ class WeightsFile:
     Attributes:
         metric: id of the metric that needs it.
         name: its name inside the weights folder.
-        source: where a user gets it.
+        source: where a user gets it: the address of a file ends in the file's name, another is a model's page.
+        expected_sha256: its hash, where one is published; else empty.
     """
 
     metric: str
     name: str
     source: str
+    expected_sha256: str = ""
 
     def find(self, weights_dir: Path | None) -> Path:
         """Its path; raises `Unavailable`, naming the file and the place, if it is not there."""
@@ -39,18 +41,37 @@ class WeightsFile:
         )
 
     def sha256(self, weights_dir: Path | None) -> str | None:
-        """SHA-256 of the file, or None if it is not there (or is a folder)."""
+        """SHA-256 of the file, or of the names and hashes of a folder's files; None if it is not there."""
         path = self._path(weights_dir)
-        if path is None or not path.is_file():
+        if path is None or not path.exists():
             return None
-        status = path.stat()
-        return _sha256(path, status.st_size, status.st_mtime_ns)
+        return _hash_of_folder(path) if path.is_dir() else _hash_of_file(path)
+
+    def check(self, weights_dir: Path | None) -> None:
+        """Raise `BadInput` if the file is there and is not the published one."""
+        found = self.sha256(weights_dir)
+        if found is None or not self.expected_sha256 or found == self.expected_sha256:
+            return
+        path = self._path(weights_dir)
+        raise BadInput(f"{path} has SHA-256 {found}", self.expected_sha256, f"get the published file: {self.source}")
 
     def _path(self, weights_dir: Path | None) -> Path | None:
         return None if weights_dir is None else weights_dir / self.name
 
 
-@lru_cache(maxsize=16)
+def _hash_of_folder(folder: Path) -> str:
+    """Hidden folders are left out: download tools keep their notes there."""
+    names = sorted(p.relative_to(folder) for p in folder.rglob("*") if p.is_file())
+    lines = [f"{n.as_posix()} {_hash_of_file(folder / n)}\n" for n in names if not n.parts[0].startswith(".")]
+    return hashlib.sha256("".join(lines).encode()).hexdigest()
+
+
+def _hash_of_file(path: Path) -> str:
+    status = path.stat()
+    return _sha256(path, status.st_size, status.st_mtime_ns)
+
+
+@lru_cache(maxsize=64)
 def _sha256(path: Path, size: int, modified_ns: int) -> str:
     """Hash a file once as long as its size and time stay; some weights are hundreds of megabytes."""
     with path.open("rb") as file:
