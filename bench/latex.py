@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import unicodedata
 from collections.abc import Iterable, Sequence
 
@@ -12,23 +13,31 @@ __all__ = ["escape", "latex_document", "latex_table"]
 # Not every TeX installation has multirow; without it the group's name stands on its first row.
 _PREAMBLE = r"""\documentclass[10pt]{article}
 \usepackage[a4paper,landscape,margin=12mm]{geometry}
-\usepackage[T1]{fontenc}
 \usepackage[utf8]{inputenc}
 \usepackage{graphicx}
 \usepackage{booktabs}
-\IfFileExists{multirow.sty}{\usepackage{multirow}}{\newcommand{\multirow}[3]{#3}}
+\IfFileExists{multirow.sty}{\usepackage{multirow}}{}
+\providecommand{\multirow}[3]{#3}
 \pagestyle{empty}
 \begin{document}
+"""
+
+# Box 2 to the text's width, then to most of its height, where it is larger; graphicx itself uses box 0.
+_SHRUNK = r"""\ifdim\wd2>\textwidth\setbox2=\hbox{\resizebox{\textwidth}{!}{\box2}}\fi
+\ifdim\dimexpr\ht2+\dp2\relax>.85\textheight\setbox2=\hbox{\resizebox*{!}{.85\textheight}{\box2}}\fi
+\leavevmode\box2
 """
 
 _SYMBOLS = {
     "\\": r"\textbackslash{}",
     "~": r"\textasciitilde{}",
     "^": r"\textasciicircum{}",
+    "[": "{[}",  # after a row's end a bracket or a star would be an argument
+    "*": "{*}",
     "<": r"\textless{}",
     ">": r"\textgreater{}",
     "|": r"\textbar{}",
-    '"': r"\textquotedbl{}",
+    '"': r"\char34{}",
     "↑": r"$\uparrow$",
     "↓": r"$\downarrow$",
     "±": r"$\pm$",
@@ -47,25 +56,15 @@ _SYMBOLS = {
     "ł": r"\l{}",
     "Ł": r"\L{}",
 }
-# Combining marks that every T1 font can put on a letter.
-_ACCENTS = {
-    "\u0300",
-    "\u0301",
-    "\u0302",
-    "\u0303",
-    "\u0308",
-    "\u030a",
-    "\u030c",
-    "\u0327",
-    "\u0328",
-    "\u0307",
-    "\u030b",
-}
+# Combining marks that TeX's oldest fonts can put on a letter.
+_ACCENTS = frozenset("\u0300\u0301\u0302\u0303\u0308\u030a\u030c\u0327\u0307\u030b")
 
 
 def escape(text: str) -> str:
     """Text for LaTeX; a character that its fonts lack becomes its code, so that a document always compiles."""
-    return "".join(_escaped(char) for char in unicodedata.normalize("NFC", " ".join(text.split())))
+    plain = unicodedata.normalize("NFC", " ".join(text.split()))
+    apart = re.sub("-(?=-)", "-\0", plain)  # two hyphens are no dash
+    return "".join(map(_escaped, apart)).replace("\0", "{}")
 
 
 def latex_table(table: Table) -> str:
@@ -80,22 +79,22 @@ def latex_table(table: Table) -> str:
         body += [r"\midrule"] if i and row.group_start else []
         body.append(_line([*_labels(table.rows, i), *(_cell(c.text, c.bold) for c in row.cells)]))
     body += [r"\bottomrule", r"\end{tabular}"]
-    room = 0.65 if table.notes else 0.85  # of a page's height, for the numbers
     notes = "".join(f"\\par\\noindent {escape(note)}\n" for note in table.notes)
     return (
-        "\\begin{table}[p]\n\\centering\n"
+        "\\begin{table}[!ht]\n\\centering\n"
         f"\\caption{{{escape(table.title)}}}\n\\label{{tab:{_label(table.name)}}}\n"
-        "\\setbox0=\\hbox{%\n" + "\n".join(body) + "}\n"
-        "\\ifdim\\wd0>\\textwidth\\setbox0=\\hbox{\\resizebox{\\textwidth}{!}{\\box0}}\\fi\n"
-        f"\\ifdim\\dimexpr\\ht0+\\dp0\\relax>{room}\\textheight"
-        f"\\resizebox{{!}}{{{room}\\textheight}}{{\\box0}}\\else\\box0\\fi\n"
-        + (f"\n\\smallskip\\raggedright\\scriptsize\n{notes}" if notes else "")
+        "\\setbox2=\\hbox{%\n"
+        + "\n".join(body)
+        + "}\n"
+        + _SHRUNK
         + "\\end{table}\n"
+        # Behind the float, not in it: many notes may need a page of their own.
+        + (f"{{\\scriptsize\\raggedright\n{notes}\\par}}\n" if notes else "")
     )
 
 
 def latex_document(tables: Iterable[Table]) -> str:
-    """A document that compiles with ``pdflatex`` as it is, a page each table."""
+    """A document that compiles with ``pdflatex`` as it is, a page for each table at least."""
     return _PREAMBLE + "\\clearpage\n".join(latex_table(table) for table in tables) + "\\end{document}\n"
 
 
@@ -128,9 +127,9 @@ def _escaped(char: str) -> str:
         return _SYMBOLS[char]
     if char in "&%$#_{}":
         return f"\\{char}"
-    if " " <= char < "\x7f":
+    if " " <= char < "\x7f" or char == "\0":
         return char
     parts = unicodedata.normalize("NFD", char)
-    if len(parts) == 2 and parts[0].isascii() and parts[0].isalpha() and parts[1] in _ACCENTS:
+    if "À" <= char <= "ž" and len(parts) == 2 and parts[0].isascii() and parts[0].isalpha() and parts[1] in _ACCENTS:
         return char
-    return f"[U+{ord(char):04X}]"
+    return f"(U+{ord(char):04X})"
