@@ -32,6 +32,15 @@ _VERBS: dict[str, tuple[str, Callable[[argparse.ArgumentParser], None], str]] = 
     "compare": ("say what moved between two runs", arguments.add_compare, "compare:compare_command"),
     "verify": ("find edited results and stale inputs of a run", arguments.add_verify, "verify:verify_command"),
     "speed": ("time renderer and trainer, fast against reference", arguments.add_speed, "speed:speed_command"),
+    "validate": (
+        "say whether a folder of frames or splats is usable",
+        arguments.add_validate,
+        "validate:validate_command",
+    ),
+    "cameras": ("write the cameras to render along", arguments.add_cameras, "cameras:cameras_command"),
+    "download": ("fetch data sets, checked by their hashes", arguments.add_download, "download:download_command"),
+    "depth": ("rebuild depth maps from published videos", arguments.add_depth, "download:depth_command"),
+    "report": ("write a run as one page", arguments.add_report, "report:report_command"),
     "list": ("say which data sets, methods, ... there are", arguments.add_list, "list:list_command"),
 }
 
