@@ -50,6 +50,7 @@ def add_table(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--paper", action="store_true", help="the rows and columns of the paper's tables")
     parser.add_argument("--columns", **columns, help="these metrics and costs only")
     parser.add_argument("--intervals", action="store_true", help="95 %% bootstrap intervals behind the means")
+    parser.add_argument("--exclude-failed-anywhere", action="store_true", help="also by the paper's rule for failures")
     parser.add_argument("--against", metavar="METHOD", help="this method in the table of pairs (the first)")
     parser.add_argument("--only", metavar="NAME", help="one of the tables: dataset, scenes, pairs, published_tsed, ...")
     formats = ("text", "markdown", "latex", "csv", "json")

@@ -6,6 +6,7 @@ import argparse
 import json
 import shutil
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from bench.commands.names import chosen
@@ -76,6 +77,11 @@ def _measured(args: argparse.Namespace) -> list[Table]:
     known = {column.key: column for column in (*run.columns, *COSTS)}
     columns = None if args.columns is None else [known[key] for key in chosen("column", args.columns, known, ())]
     tables = [scene_table(run, columns), dataset_table(run, columns, args.intervals)]
+    if args.exclude_failed_anywhere:
+        from bench.exclusion import without_failed_anywhere
+
+        kept = dataset_table(without_failed_anywhere(run), columns, args.intervals)
+        tables.append(replace(kept, name="dataset_excluded", title=f"{kept.title}, the paper's rule"))
     if len(run.methods) > 1 and (args.against is not None or args.only == "pairs" or args.format == "json"):
         tables.append(pairs_table(run, args.against))
     return tables

@@ -35,6 +35,8 @@ DATASETS: Registry[Callable[[DatasetOptions], Dataset]] = Registry(
         "photos": "bench.datasets.photos:open_photos",
         "realmdreamer": "bench.datasets.realmdreamer:open_realmdreamer",
         "synthetic": "bench.datasets.synthetic:open_synthetic",
+        "div2k": "bench.datasets.div2k:open_div2k",
+        "div2k-subset": "bench.datasets.div2k:open_div2k_subset",
         "folder": "bench.datasets.folder:open_folder",
     },
 )
@@ -43,6 +45,8 @@ DATASET_DESCRIPTIONS: dict[str, str] = {
     "photos": "5 photographs of the scikit-image package, one with true depth and a real second view; no download",
     "realmdreamer": "the 11 RealmDreamer images with depth, along VistaDream's published path; needs a data root",
     "synthetic": "20 seeds of textured planes, boxes and poles, twice: exact depth, views, hidden masks; no download",
+    "div2k": "the 100 DIV2K validation images at x2, with a small network's depth; needs a data root",
+    "div2k-subset": "those of the 100 that are here; not to be reported as DIV2K",
     "folder": "any folder of images (--images DIR), with depth maps beside them where you have them",
 }
 
