@@ -57,4 +57,4 @@ def _lasting(plain: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _volatile(plain: Mapping[str, Any]) -> dict[str, Any]:
-    return {key: plain[key] for key in _VOLATILE if key in plain}
+    return {key: plain.get(key) or {} for key in _VOLATILE}
