@@ -170,6 +170,8 @@ class DeformConfig:
             floats between foreground and background (O).
         edge_ratio: two depths further apart than this ratio, within the window, are two surfaces (O).
         edge_density: sigma of anchors on the near side of depth edges: a dense rim would hide the background (O).
+        edge_extent: anchors on the near side of depth edges that reach across are this much smaller: what reaches
+            across covers what lies behind (O).
         follow_slope: tilt and stretch each Gaussian with the surface it lies on (O).
         max_slope: largest relative depth change per unit of image tangent that is still one surface (O).
         max_iterations: fine-tuning steps at most (P: 20,000).
@@ -185,6 +187,7 @@ class DeformConfig:
     sharpen_depth: bool = True
     edge_ratio: float = 1.12
     edge_density: float = 10.0
+    edge_extent: float = 0.6
     follow_slope: bool = True
     max_slope: float = 4.0
     max_iterations: int = 0
@@ -199,7 +202,7 @@ class RepairConfig:
         enabled: whether to repair at all.
         views: how many views of the trajectory are watched, evenly spaced (O; 0 watches all of them).
         rules: thresholds of the paper and ours, for 512x512 renders.
-        fill: "paper" copies donors, "smooth" continues the background (O).
+        fill: "paper" copies donors, "smooth" continues the background's colour, "structure" its texture too (O).
         inpainter: who completes large regions: a name of `orca.priors.choose.INPAINTER_CHOICES` (P: "sd15"; "auto" is
             that where its weights are, else "classical").
         generative: how a large region is completed.
@@ -208,7 +211,7 @@ class RepairConfig:
     enabled: bool = True
     views: int = 12
     rules: RepairRules = field(default_factory=lambda: RepairRules(max_steps=3, max_iterations=60))
-    fill: Literal["paper", "smooth"] = "smooth"
+    fill: Literal["paper", "smooth", "structure"] = "structure"
     inpainter: str = "auto"
     generative: GenerativeConfig = field(default_factory=GenerativeConfig)
 

@@ -26,7 +26,7 @@ from orca.repair.insert import InsertConfig
 from orca.repair.loop import repair
 from orca.scene import Scene
 from orca.stages.canvas import Canvas, make_canvas
-from orca.stages.deform import deform, near_depth_edge, on_near_side, sample_depth
+from orca.stages.deform import deform, near_depth_edge, on_near_side, sample_depth, trim_rims
 from orca.stages.observations import Observation, observations
 from orca.stages.planar import PlanarGrid, place, planar_anchors, rest_positions
 from orca.stages.solve import solve_colours
@@ -231,12 +231,13 @@ def _place(anchors: GaussianAnchors, canvas: Canvas, run: _Run) -> GaussianAncho
 def _soften_edges(
     anchors: GaussianAnchors, grid: PlanarGrid, canvas: Canvas, config: ReconstructConfig
 ) -> GaussianAnchors:
-    """Lower the density of anchors on the near side of depth edges, whose dense rims would hide the background.
+    """Lower density and extent of anchors on the near side of depth edges, whose rims would hide the background.
 
     The far side keeps its density: what a repair later puts behind it must not shine through in the input view.
     """
     soft = near_depth_edge(canvas.depth, grid.pixels, 2 * grid.spacing, config.deform.edge_ratio)
     soft &= on_near_side(canvas.depth, grid.pixels)
+    anchors = trim_rims(anchors, canvas.depth, grid.pixels, grid.spacing, soft, config.deform)
     features = anchors.features.clone()
     features[torch.from_numpy(soft), DENSITY_CHANNEL] = density_feature(
         config.deform.edge_density, config.planar.density

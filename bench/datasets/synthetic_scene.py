@@ -124,9 +124,13 @@ def _plane(normal: Sequence[float], point: Sequence[float], look: np.random.Gene
 
 
 def _standing_box(half: Float64Array, floor: Plane, shape: np.random.Generator, look: np.random.Generator) -> Box:
-    """A box on the floor, turned about the vertical."""
+    """A box on the floor, turned about the vertical, clear of the left and right border of a view of 60 degrees.
+
+    What a view uncovers is then hidden by something inside the frame: a question of repair and not of outpainting.
+    """
     z = shape.uniform(1.2, 2.1)
-    x = z * shape.uniform(-0.42, 0.42)
+    reach = 0.45 - (half[0] + half[2]) / z
+    x = z * reach * shape.uniform(-1.0, 1.0)
     y = (floor.offset - floor.normal[0] * x - floor.normal[2] * z) / floor.normal[1]
     a = shape.uniform(-0.5, 0.5)
     rotation = np.array([[np.cos(a), 0, np.sin(a)], [0, 1, 0], [-np.sin(a), 0, np.cos(a)]])

@@ -20,6 +20,9 @@ LOCAL_SPAN = 0.12
 ACROSS_RATIO = 1.1
 """O. A pixel is in front of what lies across the hole if its inverse depth is this many times larger."""
 
+ACROSS_RATIO_LEAST = 1.06
+"""O. A pixel is in front of the hole's content if that must be this many times farther."""
+
 SILHOUETTE = 2
 """O. Pixels this close to the foreground are blended with it and are no donors."""
 
@@ -27,7 +30,9 @@ _ANGLES = (-0.45, 0.0, 0.45)
 _MAX_STEPS = 64
 
 
-def background_pixels(depth: Float32Array, ring: BoolArray, hole: BoolArray, reach: int) -> BoolArray:
+def background_pixels(
+    depth: Float32Array, ring: BoolArray, hole: BoolArray, reach: int, least: Float32Array | None = None
+) -> BoolArray:
     """The ring pixels that are not foreground.
 
     A foreground pixel passes two tests. *Near*: its inverse depth is in the nearer half of the local range, in a
@@ -35,11 +40,15 @@ def background_pixels(depth: Float32Array, ring: BoolArray, hole: BoolArray, rea
     A disocclusion always has a far side; ground that merely comes closer has none, nor has what the image border
     cuts off. A percentile of the whole ring, which the paper uses, keeps one corner of a tilted background.
 
+    With ``least``, what the input saw decides instead: a pixel is foreground if, somewhere across the hole from it,
+    nothing can lie as near as it does.
+
     Args:
         depth: positive z-depth where ``ring`` is set, [h, w].
         ring: candidates, [h, w].
         hole: the component, [h, w].
         reach: outer radius of the ring in pixels.
+        least: smallest possible z-depth of each hole pixel (`InputSurface.least_depth`), [h, w]; 0 elsewhere.
 
     Returns:
         Donors, a subset of ``ring``, [h, w].
@@ -48,14 +57,54 @@ def background_pixels(depth: Float32Array, ring: BoolArray, hole: BoolArray, rea
         return ring.copy()
     inverse = np.zeros(ring.shape, np.float32)
     inverse[ring] = 1.0 / depth[ring]
+    if least is not None:
+        foreground = ring & (depth * ACROSS_RATIO_LEAST < _least_across(least, ring, hole))
+        return np.asarray(ring & ~_widened(foreground))
     thickness = 2.0 * float(cv2.distanceTransform(np.pad(hole, 1).astype(np.uint8), cv2.DIST_L2, 5).max())
     near = _locally_near(inverse, ring, int(thickness) + 2 * reach)
     if not near.any():
         return ring.copy()
     foreground = near & (inverse > ACROSS_RATIO * _across(inverse, ring, hole, 1.5 * thickness + 2 * reach))
+    return np.asarray(ring & ~_widened(foreground))
+
+
+def _widened(foreground: BoolArray) -> BoolArray:
     side = 2 * SILHOUETTE + 1
-    wide = cv2.dilate(foreground.astype(np.uint8), np.ones((side, side), np.uint8)).astype(bool)
-    return np.asarray(ring & ~wide)
+    return cv2.dilate(foreground.astype(np.uint8), np.ones((side, side), np.uint8)).astype(bool)
+
+
+def _least_across(least: Float32Array, ring: BoolArray, hole: BoolArray) -> Float64Array:
+    """The largest of the least depths that each ring pixel sees through the hole, [h, w]; 0 where it sees none.
+
+    A ring pixel looks from its nearest hole pixel inwards, as in `_across`, and no further than the hole is thick
+    there: along a wedge it does not look to the far end.
+    """
+    y, x, index = _nearest_hole_pixels(ring, hole)
+    thickness = cv2.distanceTransform(np.pad(hole, 1).astype(np.uint8), cv2.DIST_L2, 5)[1:-1, 1:-1]
+    angle = _inward(hole, y, x)
+    seen = least[y, x].astype(np.float64)
+    height, width = ring.shape
+    for turn in _ANGLES:
+        going, thickest = np.ones(len(y), bool), thickness[y, x].copy()
+        for step in range(1, 2 * int(thickness.max()) + 3):
+            px = np.rint(x + np.cos(angle + turn) * step).astype(np.intp).clip(0, width - 1)
+            py = np.rint(y + np.sin(angle + turn) * step).astype(np.intp).clip(0, height - 1)
+            going &= hole[py, px] & (step <= 2.0 * thickest + 2.0)
+            if not going.any():
+                break
+            seen = np.where(going, np.maximum(seen, least[py, px]), seen)
+            thickest = np.where(going, np.maximum(thickest, thickness[py, px]), thickest)
+    result = np.zeros(ring.shape)
+    result[ring] = seen[index]
+    return result
+
+
+def _inward(hole: BoolArray, y: NDArray[np.intp], x: NDArray[np.intp]) -> Float64Array:
+    """Direction of the hole's inward normal at hole pixels, in radians, [n]."""
+    smooth = cv2.GaussianBlur(hole.astype(np.float32), (0, 0), 3.0, borderType=cv2.BORDER_REPLICATE)
+    nx = cv2.Sobel(smooth, cv2.CV_32F, 1, 0)[y, x]
+    ny = cv2.Sobel(smooth, cv2.CV_32F, 0, 1)[y, x]
+    return np.asarray(np.arctan2(ny, nx), np.float64)
 
 
 def _locally_near(inverse: Float32Array, ring: BoolArray, radius: int) -> BoolArray:
@@ -82,10 +131,7 @@ def _across(inverse: Float32Array, ring: BoolArray, hole: BoolArray, length: flo
     A ring pixel looks from its nearest hole pixel along the hole's inward normal there, and to both sides of it.
     """
     y, x, index = _nearest_hole_pixels(ring, hole)
-    smooth = cv2.GaussianBlur(hole.astype(np.float32), (0, 0), 3.0, borderType=cv2.BORDER_REPLICATE)
-    nx = cv2.Sobel(smooth, cv2.CV_32F, 1, 0)[y, x]
-    ny = cv2.Sobel(smooth, cv2.CV_32F, 0, 1)[y, x]
-    angle = np.arctan2(ny, nx)[:, None]
+    angle = _inward(hole, y, x)[:, None]
     steps = np.arange(2.0, length, max(2.0, length / _MAX_STEPS))
     seen = np.full(len(y), np.inf)
     height, width = ring.shape

@@ -20,7 +20,8 @@ def disocclusion_mask(alpha: Float32Array, depth: Float32Array, rules: RepairRul
     A pixel is missing where its accumulated alpha is under ``rules.alpha_threshold``, or where its alpha or depth is
     not a number or its depth is not positive. A closing of radius ``rules.closing_radius`` then joins a sieve (the
     single missing pixels of a stretched surface) into one region; it adds the covered threads of up to two radii
-    between missing pixels, which are too thin to be trusted as donors anyhow.
+    between missing pixels, which are too thin to be trusted as donors anyhow. Pixels within ``edge_reach`` of those
+    that are not fully covered either (``edge_alpha``) belong to the region: half a rim over nothing is dark.
 
     Args:
         alpha: accumulated alpha, [H, W].
@@ -43,6 +44,10 @@ def disocclusion_mask(alpha: Float32Array, depth: Float32Array, rules: RepairRul
     if rules.closing_radius > 0:
         side = 2 * rules.closing_radius + 1
         missing = cv2.morphologyEx(missing, cv2.MORPH_CLOSE, np.ones((side, side), np.uint8)).astype(np.uint8)
+    if rules.edge_reach > 0 and missing.any():
+        side = 2 * rules.edge_reach + 1
+        around = cv2.dilate(missing, np.ones((side, side), np.uint8)).astype(bool)
+        missing |= (around & ~(alpha >= rules.edge_alpha)).astype(np.uint8)
     return missing.astype(bool)
 
 

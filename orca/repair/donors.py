@@ -16,10 +16,11 @@ from orca.repair.background import background_pixels
 from orca.repair.components import BoolArray, Component, IntArray
 from orca.repair.membrane import linear_trend, membrane, mirrored_detail
 from orca.repair.rules import RepairRules
+from orca.repair.structure import ExemplarRules, continue_structure
 
 __all__ = ["FILL_SCHEMES", "FillTarget", "local_fill"]
 
-FILL_SCHEMES = ("paper", "smooth")
+FILL_SCHEMES = ("paper", "smooth", "structure")
 
 _NEIGHBOURS = 4
 _DETAIL_SIGMA = 6.0
@@ -37,8 +38,8 @@ class FillTarget:
         rgb: target colour, [n, 3] float32 in [0, 1].
         depth: target z-depth, [n] float32, positive.
         donors: donor pixels used.
-        scheme: "paper:percentile" (the paper's donors), "smooth:background" (foreground found and left out),
-            "smooth:all" (no foreground around the hole), or "paper:nearest" / "smooth:nearest" (too few donors).
+        scheme: "paper:percentile" (the paper's donors), "smooth:background" or "structure:background"
+            (foreground found and left out), "...:all" (no foreground around the hole), "...:nearest" (too few donors).
         depth_threshold: donors are at this depth or beyond.
     """
 
@@ -58,13 +59,17 @@ class FillTarget:
 
 @dataclass(frozen=True, eq=False)
 class _Crop:
-    """The neighbourhood of a component: image, usable pixels, the hole, and each pixel's distance to the hole."""
+    """The neighbourhood of a component.
+
+    Image, usable pixels, the hole, each pixel's distance to it, and the least possible depth inside it.
+    """
 
     rgb: Float32Array
     depth: Float32Array
     valid: BoolArray
     hole: BoolArray
     distance: Float32Array
+    least: Float32Array | None = None
 
     def ring(self, inner: float, outer: float) -> BoolArray:
         """Valid pixels at ``inner`` to ``outer`` pixels from the hole."""
@@ -77,7 +82,8 @@ def local_fill(
     valid: BoolArray,
     component: Component,
     rules: RepairRules,
-    scheme: Literal["paper", "smooth"] = "smooth",
+    scheme: Literal["paper", "smooth", "structure"] = "structure",
+    least: Float32Array | None = None,
 ) -> FillTarget:
     """Colours and depths for a component from the background in a ring around it.
 
@@ -85,8 +91,9 @@ def local_fill(
     ``donor_percentile``-th percentile of its depth; a hole pixel takes the inverse-distance mean of its 4 nearest.
     ``"smooth"`` (ours): donors are all background pixels from ``smooth_ring_inner`` on (`background_pixels`); colour
     and inverse depth are continued by a membrane, and ``detail_gain`` of the donors' texture is mirrored into the
-    hole. Depth is clamped behind the foreground. With fewer than ``min_donors`` donors, either takes the nearest
-    valid pixel.
+    hole. Depth is clamped behind the foreground. ``"structure"`` (ours): the same, but colour comes from patches of
+    the background within ``context`` pixels (`continue_structure`) wherever there are enough to choose from. With
+    fewer than ``min_donors`` donors, all take the nearest valid pixel.
 
     Args:
         rgb: rendered colours, [H, W, 3].
@@ -94,18 +101,21 @@ def local_fill(
         valid: pixels that show the reconstruction, [H, W]; pixels without a usable depth or colour are left out.
         component: the region to fill.
         rules: constants for this render size (`RepairRules.scaled`).
-        scheme: "paper" or "smooth".
+        scheme: "paper", "smooth" or "structure".
+        least: smallest possible z-depth at each pixel of the component (`InputSurface.least_depth`), [H, W]; where it
+            is given, it tells foreground from background, and no filled pixel is nearer. The paper's scheme ignores it.
 
     Raises:
         BadInput: shapes that do not match, or no valid pixel in the whole image.
         Unknown: another scheme.
     """
     usable = _checked(rgb, depth, valid, component, scheme)
-    crop = _crop(rgb, depth, usable, component, rules.ring_outer)
+    margin = rules.context if scheme == "structure" else rules.ring_outer
+    crop = _crop(rgb, depth, usable, component, margin, None if scheme == "paper" else least)
     if scheme == "paper":
         target = _paper_fill(crop, component, rules)
     else:
-        target = _smooth_fill(crop, component, rules)
+        target = _background_fill(crop, component, rules, scheme)
     return target if target is not None else _nearest_fill(rgb, depth, usable, component, scheme)
 
 
@@ -135,7 +145,14 @@ def _checked(rgb: Float32Array, depth: Float32Array, valid: BoolArray, component
     return np.asarray(usable)
 
 
-def _crop(rgb: Float32Array, depth: Float32Array, usable: BoolArray, component: Component, outer: int) -> _Crop:
+def _crop(
+    rgb: Float32Array,
+    depth: Float32Array,
+    usable: BoolArray,
+    component: Component,
+    outer: int,
+    least: Float32Array | None,
+) -> _Crop:
     """Cut out the component and its ring: the cost then follows the component and not the image."""
     height, width = depth.shape
     x0, y0, x1, y1 = component.bbox
@@ -145,7 +162,8 @@ def _crop(rgb: Float32Array, depth: Float32Array, usable: BoolArray, component: 
     hole = np.zeros(depth[window].shape, bool)
     hole[y0 - top : y1 - top, x0 - left : x1 - left] = component.mask
     distance = cv2.distanceTransform((~hole).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_5)
-    return _Crop(rgb[window], depth[window], usable[window], hole, distance)
+    bound = None if least is None else np.where(hole, least[window], np.float32(0.0))
+    return _Crop(rgb[window], depth[window], usable[window], hole, distance, bound)
 
 
 def _target(
@@ -181,43 +199,69 @@ def _nearest_weights(donors: BoolArray, hole: BoolArray) -> tuple[IntArray, Floa
     return index, weight / weight.sum(axis=1, keepdims=True)
 
 
-def _smooth_fill(crop: _Crop, component: Component, rules: RepairRules) -> FillTarget | None:
-    """A membrane over all background donors; None if they are fewer than ``min_donors``."""
-    ring = crop.ring(rules.smooth_ring_inner, rules.ring_outer)
-    donors = background_pixels(crop.depth, ring, crop.hole, rules.ring_outer)
+def _background_fill(crop: _Crop, component: Component, rules: RepairRules, scheme: str) -> FillTarget | None:
+    """The background of a wide ring, continued; None if it is less than ``min_donors`` pixels."""
+    wide = crop.ring(rules.smooth_ring_inner, rules.context if scheme == "structure" else rules.ring_outer)
+    source = background_pixels(crop.depth, wide, crop.hole, rules.ring_outer, crop.least)
+    near = crop.distance <= rules.ring_outer
+    donors = source & near
     count = int(np.count_nonzero(donors))
     if count < rules.min_donors:
         return None
-    foreground = ring & ~donors
-    rgb = membrane(crop.rgb, donors)
-    if rules.detail_gain > 0:
-        band = max(1.0, 0.8 * (rules.ring_outer - rules.smooth_ring_inner))
-        rgb = rgb + np.float32(rules.detail_gain) * mirrored_detail(crop.rgb, donors, band, _DETAIL_SIGMA)
+    foreground = wide & near & ~donors
+    rgb, inverse = _smooth_colours(crop, donors, rules), _membrane_inverse_depth(crop, donors)
+    how = "background" if foreground.any() else "all"
+    if scheme == "structure":
+        inverse_depth = np.where(source, 1.0 / np.where(source, crop.depth, 1.0), 0.0).astype(np.float32)
+        patch = ExemplarRules(rules.patch_radius, rules.patch_matches)
+        made = continue_structure(crop.rgb, inverse_depth, source, crop.hole, patch)
+        if made is None:
+            scheme = "smooth"
+        else:
+            rgb = np.where(made[2][..., None], made[0], rgb)
+            inverse = np.where(made[2], made[1], inverse)
     return _target(
         component,
         rgb[crop.hole],
-        1.0 / _background_inverse_depth(crop, donors, foreground)[crop.hole],
+        1.0 / _behind_foreground(inverse, crop, donors, foreground)[crop.hole],
         donors=count,
-        scheme="smooth:background" if foreground.any() else "smooth:all",
+        scheme=f"{scheme}:{how}",
         depth_threshold=float(crop.depth[donors].min()),
     )
 
 
-def _background_inverse_depth(crop: _Crop, donors: BoolArray, foreground: BoolArray) -> Float32Array:
-    """Inverse depth continued from the donors, behind the nearest foreground, [h, w].
+def _smooth_colours(crop: _Crop, donors: BoolArray, rules: RepairRules) -> Float32Array:
+    """A membrane over the donors, with a share of their texture mirrored into the hole, [h, w, 3]."""
+    rgb = membrane(crop.rgb, donors)
+    if rules.detail_gain > 0:
+        band = max(1.0, 0.8 * (rules.ring_outer - rules.smooth_ring_inner))
+        rgb = rgb + np.float32(rules.detail_gain) * mirrored_detail(crop.rgb, donors, band, _DETAIL_SIGMA)
+    return rgb
+
+
+def _membrane_inverse_depth(crop: _Crop, donors: BoolArray) -> Float32Array:
+    """Inverse depth continued from the donors, [h, w].
 
     A plane in space is linear in inverse depth, so where the donors lie on one, it is continued as such and the
     membrane carries only what deviates from it.
     """
     inverse = np.zeros(crop.depth.shape, np.float32)
+    inverse[donors] = 1.0 / crop.depth[donors]
+    trend = linear_trend(inverse, donors)
+    return np.asarray(trend + membrane((inverse - trend)[..., None], donors)[..., 0], np.float32)
+
+
+def _behind_foreground(filled: Float32Array, crop: _Crop, donors: BoolArray, foreground: BoolArray) -> Float32Array:
+    """Inverse depth within reason: not far beyond the donors, behind the nearest foreground, and where it may be."""
+    inverse = np.zeros(crop.depth.shape, np.float32)
     known = donors | foreground
     inverse[known] = 1.0 / crop.depth[known]
-    trend = linear_trend(inverse, donors)
-    filled = trend + membrane((inverse - trend)[..., None], donors)[..., 0]
     low, high = float(inverse[donors].min()), float(inverse[donors].max())
     filled = np.clip(filled, _EXTRAPOLATION * low, high)
     if foreground.any():
         filled = np.minimum(filled, _nearest_value(inverse, foreground) / np.float32(_DEPTH_MARGIN))
+    if crop.least is not None:
+        filled = np.minimum(filled, 1.0 / np.maximum(crop.least, 1e-6))
     return np.asarray(filled, np.float32)
 
 

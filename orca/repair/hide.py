@@ -15,6 +15,8 @@ from orca.render.renderer import Renderer
 
 __all__ = ["InputSurface", "visible_in"]
 
+_MARGIN = 1.01  # a point this much behind a surface is behind it
+_STEPS = 64  # depths tried along a ray
 _FACTORS = np.concatenate([[1.0], 1.01 * 1.04 ** np.arange(24)])  # depths tried along a ray, up to 2.5 times
 
 
@@ -34,6 +36,48 @@ class InputSurface:
     def of(camera: Camera, depth: Float32Array, window: int = 9) -> InputSurface:
         """From the input view's depth [H, W]; ``window`` is the side in pixels of what an anchor may touch."""
         return InputSurface(camera, np.asarray(cv2.dilate(depth, np.ones((window, window), np.uint8)), np.float32))
+
+    @staticmethod
+    def sharp(camera: Camera, depth: Float32Array, alpha: Float32Array) -> InputSurface:
+        """From a render: pixels between two surfaces go to the nearer one, and where there is none, nothing hides."""
+        low, high = (np.asarray(f(depth, np.ones((3, 3), np.uint8))) for f in (cv2.erode, cv2.dilate))
+        snapped = np.where(depth - low < high - depth, low, high)
+        torn = (high > 1.05 * low) & (low > 0)
+        shown = np.where(torn, snapped, depth)
+        return InputSurface(camera, np.where(alpha > 0.5, shown, 0.0).astype(np.float32))
+
+    def least_depth(self, view: Camera, pixels: Float64Array, near: float, far: float) -> Float32Array:
+        """The smallest z-depth between ``near`` and ``far`` at which the input camera would not see a point, [n].
+
+        What a hole shows was not seen from the input, so it cannot lie in the space that the input looks through:
+        at the hole's far side that leaves the background, at its near side what is just behind the foreground.
+
+        Args:
+            view: the view in which the hole is.
+            pixels: hole pixels of the view, [n, 2].
+            near, far: z-depths in the view; ``near`` is returned where nothing forbids it.
+        """
+        found = np.full(len(pixels), far)
+        open_ = np.arange(len(pixels))
+        start, direction = self.camera.rotation @ view.center + self.camera.translation, view.rays(pixels)
+        step = (direction @ self.camera.rotation.T) @ self.camera.K.T
+        base = self.camera.K @ start
+        for inverse in np.linspace(1.0 / near, 1.0 / far, _STEPS):
+            u, v, z = (step[open_] / inverse + base).T
+            hidden = self._behind(u, v, z)
+            found[open_[hidden]] = 1.0 / inverse
+            open_ = open_[~hidden]
+            if len(open_) == 0:
+                break
+        return found.astype(np.float32)
+
+    def _behind(self, u: Float64Array, v: Float64Array, z: Float64Array) -> NDArray[np.bool_]:
+        """Whether homogeneous pixels (u, v, z) of the input lie behind its surface or outside its image, [n]."""
+        ahead = np.where(z > 0, z, 1.0)
+        column, row = np.floor(u / ahead), np.floor(v / ahead)
+        inside = (z > 0) & (column >= 0) & (row >= 0) & (column < self.camera.width) & (row < self.camera.height)
+        column, row = np.where(inside, column, 0).astype(np.intp), np.where(inside, row, 0).astype(np.intp)
+        return np.asarray(~inside | (z > _MARGIN * self.depth[row, column]))
 
     def push_behind(
         self, view: Camera, pixels: Float64Array, depth: Float64Array

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from orca.anchors import GaussianAnchors
 from orca.camera import Camera
 from orca.config import RenderConfig, RepairConfig
+from orca.conventions import Float32Array
 from orca.field.decoders import Decoders
 from orca.render.renderer import Renderer, Rendering
 from orca.repair.components import Component, connected_components, drop_small
@@ -116,6 +117,10 @@ class _Loop:
         )
         self.input_view = WatchedViews([input_camera], self.views.renderer)
         self.surface = InputSurface.of(input_camera, self.input_view.rendered[0].depth)
+        # Wider than the input, for what the outpainted margin hides.
+        wide = input_camera.padded(*[min(input_camera.width, input_camera.height) // 4] * 4)
+        seen = self.views.renderer.render(wide)
+        self.shadow = InputSurface.sharp(wide, seen.depth, seen.alpha)
         # Pixels of a component that was repaired once and stays open: looked at again, they would be tried for ever.
         self.given_up = [np.zeros((c.height, c.width), bool) for c in cameras]
         self.missing = [self._missing(i) for i in range(len(cameras))]
@@ -202,7 +207,8 @@ class _Loop:
         valid = (before.alpha >= _DONOR_ALPHA) & (before.depth > 0)
         if not valid.any():
             valid = (before.alpha >= self.rules.alpha_threshold) & (before.depth > 0)
-        local = local_fill(before.rgb, before.depth, valid, component, self.rules, scheme=self.config.fill)
+        least = self._least_depth(before.depth, valid, component, camera)
+        local = local_fill(before.rgb, before.depth, valid, component, self.rules, self.config.fill, least)
         if decision.kind == "local" or self.priors is None:
             return local, decision, None
         self.budget -= 1  # a completion that fails has cost as much as one that works
@@ -213,6 +219,17 @@ class _Loop:
             reason = f"{decision.reason}; repaired locally because {error.given}"
             return local, Decision("local", "generative_failed", reason), None
         return made.target, decision, made.alignment
+
+    def _least_depth(
+        self, depth: Float32Array, valid: NDArray[np.bool_], component: Component, camera: Camera
+    ) -> Float32Array:
+        """How near the component's pixels may lie without being seen from the input, [H, W]; 0 elsewhere."""
+        y, x = component.pixels()
+        pixels = np.stack([x + 0.5, y + 0.5], 1)
+        least = np.zeros(depth.shape, np.float32)
+        near, far = 0.9 * float(depth[valid].min()), 1.1 * float(depth[valid].max())
+        least[y, x] = self.shadow.least_depth(camera, pixels, near, far)
+        return least
 
     def _optimised(self, new: GaussianAnchors, component: Component, fill: FillTarget, view: int) -> GaussianAnchors:
         """The new anchors fitted to the fill inside the hole and to the render as it was in a thin ring around it."""

@@ -23,6 +23,8 @@ class RepairRules:
     Attributes:
         alpha_threshold: O. A pixel with less accumulated alpha is missing.
         closing_radius: O. Radius in pixels of the closing that joins a sieve of missing pixels into one region.
+        edge_alpha: O. Beside a missing region, pixels with less accumulated alpha than this belong to it ...
+        edge_reach: O. ... up to so many pixels away.
         bridge: O. Missing pieces up to this many pixels apart are one component.
         min_component_area: O. Components of fewer pixels are not worth a repair.
         generative_min_area: P. Generative completion needs at least this many pixels.
@@ -33,6 +35,9 @@ class RepairRules:
         ring_outer: P. Donors are at most this far from the component, in pixels.
         smooth_ring_inner: O. The same as ring_inner for the "smooth" fill, which tells foreground from background
             per pixel and gains 1.0 dB from touching the hole (Motorcycle's holes).
+        context: O. Texture for the "structure" fill is looked for within so many pixels of the component.
+        patch_radius: O. Its patches have 2 patch_radius + 1 pixels a side.
+        patch_matches: O. How many matches of a patch are averaged. A sample count: never scaled.
         detail_gain: O. Share of the donors' texture that the "smooth" fill mirrors into the hole; 0 is a pure membrane.
         min_donors: P. With fewer donors the fill is by nearest neighbour. A sample count: never scaled.
         donor_percentile: P. Donors are the ring's pixels at or beyond this percentile of its depth.
@@ -45,6 +50,8 @@ class RepairRules:
 
     alpha_threshold: float = 0.8
     closing_radius: int = 1
+    edge_alpha: float = 0.97
+    edge_reach: int = 2
     bridge: int = 4
     min_component_area: int = 16
     generative_min_area: int = 9000
@@ -55,6 +62,9 @@ class RepairRules:
     ring_outer: int = 28
     smooth_ring_inner: int = 1
     detail_gain: float = 0.3
+    context: int = 84
+    patch_radius: int = 6
+    patch_matches: int = 12
     min_donors: int = 32
     donor_percentile: float = 78.0
     covariance_scale: float = 1.7
@@ -67,6 +77,8 @@ class RepairRules:
         bounds: dict[str, tuple[float, float]] = {
             "alpha_threshold": (0.0, 1.0),
             "closing_radius": (0, math.inf),
+            "edge_alpha": (0.0, 1.0),
+            "edge_reach": (0, math.inf),
             "bridge": (0, math.inf),
             "min_component_area": (1, math.inf),
             "generative_min_area": (1, math.inf),
@@ -77,6 +89,9 @@ class RepairRules:
             "ring_outer": (max(self.ring_inner, self.smooth_ring_inner) + 1, math.inf),
             "smooth_ring_inner": (0, math.inf),
             "detail_gain": (0.0, 1.0),
+            "context": (self.ring_outer, math.inf),
+            "patch_radius": (1, math.inf),
+            "patch_matches": (1, math.inf),
             "min_donors": (1, math.inf),
             "donor_percentile": (0.0, 100.0),
             "covariance_scale": (1e-6, math.inf),
@@ -98,7 +113,7 @@ class RepairRules:
         """The rules for renders of another size.
 
         Areas scale with ``width * height / 512^2``, sides and radii with its square root; both are rounded to whole
-        pixels, at least 1 (the closing keeps its radius: a sieve has holes of a pixel at every size). Shares,
+        pixels, at least 1 (closing and edge keep theirs: a sieve has holes of a pixel at every size). Shares,
         percentiles, counts of samples, anchors, steps and the budget stay. At 512 x 512 nothing changes.
         """
         if width < 1 or height < 1:
@@ -111,6 +126,7 @@ class RepairRules:
 
         inner = whole(self.ring_inner * side) if self.ring_inner else 0
         smooth_inner = whole(self.smooth_ring_inner * side) if self.smooth_ring_inner else 0
+        outer = max(max(inner, smooth_inner) + 1, whole(self.ring_outer * side))
         return replace(
             self,
             bridge=whole(self.bridge * side) if self.bridge else 0,
@@ -118,8 +134,10 @@ class RepairRules:
             generative_min_area=whole(self.generative_min_area * area),
             generative_min_side=whole(self.generative_min_side * side),
             ring_inner=inner,
-            ring_outer=max(max(inner, smooth_inner) + 1, whole(self.ring_outer * side)),
+            ring_outer=outer,
             smooth_ring_inner=smooth_inner,
+            context=max(outer, whole(self.context * side)),
+            patch_radius=max(2, whole(self.patch_radius * side)),
         )
 
     def to_json(self) -> dict[str, Any]:

@@ -31,7 +31,10 @@ __all__ = [
     "on_near_side",
     "sample_depth",
     "sharpen_depth",
+    "trim_rims",
 ]
+
+_FOOTPRINT = 1.25  # radius of an anchor's footprint over its spacing: kappa sqrt(chi2) at their defaults
 
 
 def deform(anchors: GaussianAnchors, depth: Float32Array, camera: Camera, config: DeformConfig) -> GaussianAnchors:
@@ -174,6 +177,41 @@ def near_depth_edge(
     column = np.clip(pixels[:, 0].astype(int), 0, depth.shape[1] - 1)
     row = np.clip(pixels[:, 1].astype(int), 0, depth.shape[0] - 1)
     return np.asarray((distance[row, column] <= reach) & bool((flat == 0).any()))
+
+
+def trim_rims(
+    anchors: GaussianAnchors,
+    depth: Float32Array,
+    pixels: Float64Array,
+    spacing: Float64Array,
+    near_side: NDArray[np.bool_],
+    config: DeformConfig,
+) -> GaussianAnchors:
+    """Anchors of the near side made narrower where they reach across a depth edge.
+
+    A rim anchor of full extent covers 0.65 px beyond the silhouette: from elsewhere, that hides a strip of what lies
+    behind, at the wrong depth, and no repair is called for.
+
+    Args:
+        anchors: any anchors, one per pixel position.
+        depth: z-depth over the canvas, [H, W].
+        pixels: canvas position of each anchor, [N, 2].
+        spacing: its grid spacing in pixels, [N].
+        near_side: which of them lie on the near side of an edge, [N].
+        config: ``edge_ratio`` and ``edge_extent``.
+    """
+    log = np.log(depth)
+    kernel = np.ones((3, 3), np.uint8)
+    flat = (cv2.dilate(log, kernel) - cv2.erode(log, kernel) <= np.log(config.edge_ratio)).astype(np.uint8)
+    if flat.all():
+        return anchors
+    distance = cv2.distanceTransform(flat, cv2.DIST_L2, 3)
+    column = np.clip(pixels[:, 0].astype(int), 0, depth.shape[1] - 1)
+    row = np.clip(pixels[:, 1].astype(int), 0, depth.shape[0] - 1)
+    to_silhouette = distance[row, column] + 0.5
+    scale = np.clip((to_silhouette + 0.25) / (_FOOTPRINT * spacing), config.edge_extent, 1.0)
+    scale = torch.from_numpy(np.where(near_side, scale, 1.0).astype(np.float32))
+    return replace(anchors, log_variances=anchors.log_variances + 2 * torch.log(scale)[:, None])
 
 
 def on_near_side(depth: Float32Array, pixels: Float64Array, window: int = 9) -> NDArray[np.bool_]:
