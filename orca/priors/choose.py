@@ -93,7 +93,7 @@ def choose_inpainter(
     """
     if name == "none":
         return None, ""
-    name, note = _resolved(name, access)
+    name, note = _resolved(name, access, "classical")
     if name == "sd15":
         return DiffusionInpainter(access, config or DiffusionConfig(), seed), note
     if name == "classical":
@@ -104,10 +104,14 @@ def choose_inpainter(
 def choose_outpainter(
     name: str, access: ModelAccess, config: DiffusionConfig | None = None, seed: int = 0
 ) -> tuple[Outpainter | None, str]:
-    """The outpainter of that name (None for ``none``), and a note; ``auto`` and errors as for `choose_inpainter`."""
+    """The outpainter of that name (None for ``none``), and a note. Errors as for `choose_inpainter`.
+
+    ``auto`` is Stable Diffusion 1.5 where its weights are, else ``mirror``: with as many anchors, exemplars beyond
+    the frame measured worse, since their detail takes anchors from the original image.
+    """
     if name == "none":
         return None, ""
-    name, note = _resolved(name, access)
+    name, note = _resolved(name, access, "mirror")
     if name == "sd15":
         return DiffusionOutpainter(access, config, seed), note
     if name == "classical":
@@ -133,7 +137,7 @@ def choose_depth_estimator(access: ModelAccess, given: DepthProvider | None = No
     return None, "; ".join(reasons)
 
 
-def _resolved(name: str, access: ModelAccess) -> tuple[str, str]:
+def _resolved(name: str, access: ModelAccess, without_weights: str) -> tuple[str, str]:
     """What ``auto`` comes to, and why not more; that the weights of ``sd15`` are there is seen to now."""
     if name == "sd15":
         locate(SD15_INPAINTING, access)
@@ -142,5 +146,5 @@ def _resolved(name: str, access: ModelAccess) -> tuple[str, str]:
     try:
         locate(SD15_INPAINTING, access.offline())
     except Unavailable as error:
-        return "classical", error.given
+        return without_weights, error.given
     return "sd15", ""

@@ -55,11 +55,11 @@ class _TransformersDepth:
 
     def estimate(self, image: Float32Array, camera: Camera) -> DepthEstimate:
         """See `DepthProvider`."""
+        processor, network = self.load()  # before torch is imported: without weights, that would be for nothing
         import torch
 
         from orca.threads import multi_threaded_torch
 
-        processor, network = self.load()
         given = processor(images=to_uint8(image), return_tensors="pt")
         with torch.inference_mode(), multi_threaded_torch():
             output = network(**{key: value.to(self.access.device) for key, value in given.items()})
