@@ -77,7 +77,7 @@ def detect(frame: UInt8Array, config: SiftConfig | None = None) -> Features:
     keypoints, raw = sift.detectAndCompute(np.ascontiguousarray(grey), None)
     if raw is None or len(keypoints) == 0:
         return Features(np.zeros((0, 2)), np.zeros((0, 128), np.float32))
-    points = np.array([keypoint.pt for keypoint in keypoints], np.float64) + PIXEL_CENTRE
+    points = np.asarray(cv2.KeyPoint.convert(keypoints), np.float64).reshape(-1, 2) + PIXEL_CENTRE
     if len(points) > c.max_keypoints:
         size = np.array([keypoint.size for keypoint in keypoints])
         kept = np.sort(np.argsort(-size, kind="stable")[: c.max_keypoints])
