@@ -77,10 +77,14 @@ def add_verify(parser: argparse.ArgumentParser) -> None:
 
 def add_speed(parser: argparse.ArgumentParser) -> None:
     parser.description = "Time renderer and trainer, fast against reference in one process, on an embedded photograph."
-    cases = {"action": "append", "metavar": "A,B"}
-    parser.add_argument("--cases", **cases, help="frame, fit, step, stage3 (all); init draws a chart and needs --out")
+    names: dict[str, Any] = {"action": "append", "metavar": "A,B"}
+    parser.add_argument("--cases", **names, help="frame, fit, step, stage3 (these), init (charts two initialisations)")
     parser.add_argument("--quick", action="store_true", help="one size of each case, under a minute (else 20 minutes)")
     parser.add_argument("--out", type=Path, metavar="DIR", help="write tables, rows and the chart there too")
+    chart = parser.add_argument_group("the case init")
+    chart.add_argument("--scenes", **names, help="scenes (the data set's first three)")
+    chart.add_argument("--iterations", type=int, default=500, metavar="N", help="gradient steps of each fit (500)")
+    _add_dataset(parser)
 
 
 def add_validate(parser: argparse.ArgumentParser) -> None:
