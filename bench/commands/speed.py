@@ -12,42 +12,88 @@ from typing import Any, cast
 
 from bench.commands.names import chosen
 from bench.commands.outcome import Outcome
+from bench.datasets.case import SceneCase
+from bench.datasets.catalogue import open_dataset
 from bench.host import host_facts
 from bench.speed.case import CASES, THREADS, CaseName, Setting, full_plan, quick_plan
+from bench.speed.chart import write_chart, write_csv
+from bench.speed.initialisation import INITIALISATIONS, fit_curve
 from bench.speed.measure import SpeedRow, measure
 from bench.speed.scaling import scaling_exponents
 from bench.speed.table import exponent_lines, machine_line, ratio_lines, speed_table
 from bench.speed.threads import available_threads
 from bench.speed.workshop import Workshop
 from orca.atomic import atomic_path
+from orca.errors import BadInput
 
 __all__ = ["speed_command"]
 
+_CHART = "init"
+
 
 def speed_command(args: argparse.Namespace) -> Outcome:
-    """Time the cases asked for. With ``--out`` rows are written as they come, so an interrupted run keeps them."""
-    cases = cast(tuple[CaseName, ...], chosen("case", args.cases, CASES, CASES))
-    plan = _plan(cases, args.quick)
-    load_before = _load()
-    with tempfile.TemporaryDirectory(prefix="orca-speed-") as folder:
-        rows, ratios = measure(plan, Workshop(Path(folder)), lambda rows: _keep(rows, args.out))
-    machine = {**host_facts(), "load": {"before": load_before, "after": _load()} if load_before is not None else None}
-    exponents = scaling_exponents(rows)
-    document = {
-        "schema_version": 1,
-        "machine": machine,
-        "rows": [row.to_json() for row in rows],
-        "ratios": [ratio.to_json() for ratio in ratios],
-        "exponents": [exponent.to_json() for exponent in exponents],
-    }
-    table = speed_table(rows)
-    lines = [table.to_text(), *ratio_lines(ratios), *exponent_lines(exponents), machine_line(machine)]
+    """Time the cases asked for. With ``--out`` rows are written as they come, so an interrupted run keeps them.
+
+    Raises:
+        Unknown: no such case, data set or scene.
+        BadInput: no or negative iterations.
+    """
+    names = chosen("case", args.cases, (*CASES, _CHART), CASES)
+    cases = cast(tuple[CaseName, ...], tuple(name for name in names if name != _CHART))
+    scenes = _scenes(args) if _CHART in names else []
+    load = _load()
+    document: dict[str, Any] = {"schema_version": 1}
+    lines: list[str] = []
+    if cases:
+        _grid(_plan(cases, args.quick), args.out, document, lines)
+    if scenes:
+        _chart(scenes, args, document, lines)
+    document["machine"] = host_facts() | {"load": {"before": load, "after": _load()} if load is not None else None}
+    lines.append(machine_line(document["machine"]))
     if args.out is not None:
-        tail = "\n".join(f"- {line}" for line in lines[1:])
-        _write(args.out / "speed.md", f"{table.to_markdown()}\n{tail}\n")
         _write(args.out / "speed.json", json.dumps(document, indent=1))
-        lines.append(f"wrote {args.out / 'speed.md'}, {args.out / 'speed.json'}")
+        lines.append(f"wrote {args.out}")
     return Outcome("\n".join(lines), document)
+
+
+def _grid(plan: Sequence[Setting], out: Path | None, document: dict[str, Any], lines: list[str]) -> None:
+    """Time a plan; add what was found to the document and to the lines."""
+    with tempfile.TemporaryDirectory(prefix="orca-speed-") as folder:
+        rows, ratios = measure(plan, Workshop(Path(folder)), lambda rows: _keep(rows, out))
+    exponents = scaling_exponents(rows)
+    document["rows"] = [row.to_json() for row in rows]
+    document["ratios"] = [ratio.to_json() for ratio in ratios]
+    document["exponents"] = [exponent.to_json() for exponent in exponents]
+    table, findings = speed_table(rows), [*ratio_lines(ratios), *exponent_lines(exponents)]
+    lines += [table.to_text(), *findings]
+    if out is not None:
+        _write(out / "speed.md", table.to_markdown() + "\n" + "".join(f"- {line}\n" for line in findings))
+
+
+def _chart(scenes: Sequence[SceneCase], args: argparse.Namespace, document: dict[str, Any], lines: list[str]) -> None:
+    """Fit scenes from both initialisations; draw them if there is a folder to draw in."""
+    for initialisation in INITIALISATIONS:
+        fit_curve(scenes[0], initialisation, 1)  # compiles, and warms up
+    curves = [fit_curve(scene, name, args.iterations) for scene in scenes for name in INITIALISATIONS]
+    document["initialisation"] = [curve.to_json() for curve in curves]
+    lines += [
+        f"{curve.scene}, {curve.initialisation}: {point.psnr:.2f} dB after {point.cpu_s:.2f} CPU-s "
+        f"({point.solver_steps} solver steps, {point.iterations} gradient steps)"
+        for curve in curves
+        for point in curve.points
+    ]
+    if args.out is not None:
+        write_csv(curves, args.out / "initialisation.csv")
+        write_chart(curves, args.out / "initialisation.png")
+
+
+def _scenes(args: argparse.Namespace) -> list[SceneCase]:
+    """The scenes of the chart: those named, or the first three of the data set."""
+    if args.iterations < 0:
+        raise BadInput(f"--iterations {args.iterations}", "0 or more", "give another number")
+    dataset = open_dataset(args.dataset, data_root=args.data_root, images=args.images)
+    known = tuple(dataset.scenes())
+    return [dataset.load(name) for name in chosen("scene", args.scenes, known, known[:3])]
 
 
 def _plan(cases: Sequence[CaseName], quick: bool) -> tuple[Setting, ...]:
