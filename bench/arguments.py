@@ -131,50 +131,6 @@ def add_report(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--max-mb", type=float, default=30.0, metavar="MB", help="largest page; videos shrink (30)")
 
 
-def add_validate(parser: argparse.ArgumentParser) -> None:
-    parser.description = (
-        "Say of each scene below PATH what is there, and the first problem; exit code 1 if there is one."
-    )
-    parser.add_argument("path", metavar="PATH", help="a folder, or KIND:PATH as for run --methods")
-    parser.add_argument("--scenes", action="append", metavar="A,B", help="scenes (all)")
-    _add_dataset(parser)
-    parser.add_argument("--trajectory", metavar="NAME", help="camera path, or a .json file (the data set's own)")
-    parser.set_defaults(dataset=None)
-
-
-def add_cameras(parser: argparse.ArgumentParser) -> None:
-    parser.description = "Write each scene's image and cameras.json: what another method renders along."
-    parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="gets a folder for each scene")
-    parser.add_argument("--scenes", action="append", metavar="A,B", help="scenes (all)")
-    _add_dataset(parser)
-    parser.add_argument("--trajectory", metavar="NAME", help="camera path, or a .json file (the data set's own)")
-
-
-def add_download(parser: argparse.ArgumentParser) -> None:
-    parser.description = "Fetch what is missing of a data set into the data root; every file is checked by its SHA-256."
-    parser.add_argument("what", metavar="NAME", help="realmdreamer, vistadream or div2k")
-    parser.add_argument("--data-root", type=Path, metavar="DIR", help="data ($ORCA_DATA_ROOT, ./data, the user cache)")
-    parser.add_argument(
-        "--dry-run", action="store_true", help="say what would be fetched from where, and fetch nothing"
-    )
-
-
-def add_depth(parser: argparse.ArgumentParser) -> None:
-    parser.description = "Rebuild realmdreamer/depth/*.png from VistaDream's depth videos in vistadream/dpt/."
-    parser.add_argument("--data-root", type=Path, metavar="DIR", help="data ($ORCA_DATA_ROOT, ./data, the user cache)")
-    parser.add_argument("--scenes", action="append", metavar="A,B", help="scenes (all)")
-    parser.add_argument("--out", type=Path, metavar="DIR", help="where to write (DATA_ROOT/realmdreamer/depth)")
-
-
-def add_report(parser: argparse.ArgumentParser) -> None:
-    parser.description = "Write a run as one HTML page that needs no network: tables, chart, videos, failures."
-    parser.add_argument("run", type=Path, metavar="RUN", help="folder of a run")
-    parser.add_argument("--out", type=Path, metavar="FILE", help="page to write (RUN/report.html)")
-    parser.add_argument("--data-root", type=Path, metavar="DIR", help="where the data lie now (where they lay then)")
-    parser.add_argument("--stability", type=Path, metavar="JSON", help="rows of bench stability (found beside the run)")
-    parser.add_argument("--max-mb", type=float, default=30.0, metavar="MB", help="largest page; videos shrink (30)")
-
-
 def add_list(parser: argparse.ArgumentParser) -> None:
     what = ("datasets", "methods", "metrics", "trajectories", "scenes")
     parser.add_argument("what", choices=what, metavar="WHAT", help=", ".join(what))
