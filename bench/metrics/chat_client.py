@@ -88,7 +88,7 @@ class ChatClient:
         )
 
     def _post(self, body: bytes) -> str:
-        started = time.monotonic()
+        deadline, limit = time.monotonic() + self._endpoint.timeout_s, f"no reply within {self._endpoint.timeout_s:g} s"
         parts = urlsplit(self._endpoint.address)
         kind = http.client.HTTPSConnection if parts.scheme == "https" else http.client.HTTPConnection
         connection = kind(parts.hostname or "", parts.port, timeout=self._endpoint.timeout_s)
@@ -97,18 +97,19 @@ class ChatClient:
             headers["Authorization"] = f"Bearer {key}"
         try:
             connection.connect()
-            with _closed_after(connection, self._endpoint.timeout_s - (time.monotonic() - started)):
+            with _closed_after(connection, deadline - time.monotonic()):
                 connection.request("POST", parts.path, body, headers)
                 response = connection.getresponse()
                 reply = response.read(LARGEST_REPLY + 1)
         except ssl.SSLCertVerificationError as error:
             raise self._refused(f"its certificate is not trusted ({error})") from error
         except (OSError, http.client.HTTPException) as error:
-            late = time.monotonic() - started >= self._endpoint.timeout_s
-            why = f"no reply within {self._endpoint.timeout_s:g} s" if late else f"{type(error).__name__}: {error}"
-            raise _TryAgain(why) from error
+            late = time.monotonic() >= deadline
+            raise _TryAgain(limit if late else f"{type(error).__name__}: {error}") from error
         finally:
             connection.close()
+        if time.monotonic() >= deadline:  # cut off, which a reply without a length does not show
+            raise _TryAgain(limit)
         if response.status != 200:
             self._complain(response.status, reply, response.getheader("Retry-After"))
         return _answer_in(reply)

@@ -41,10 +41,7 @@ def musiq_metric(seed: int = 0) -> Any:
     for name, value in state.items():
         if value.ndim == 1 and ("norm" in name or ".gn" in name or name.startswith("gn")):  # else all ones and zeros
             value += 0.2 * torch.randn(value.shape)
-    frames = [as_tensor(noise_image(64, 64, k)) for k in range(2)] + [
-        torch.zeros(1, 3, 64, 64),
-        torch.ones(1, 3, 64, 64),
-    ]
+    frames = [as_tensor(noise_image(32, 32)), torch.zeros(1, 3, 32, 32)]
     with torch.inference_mode():
         raw = torch.tensor([float(metric(frame)) for frame in frames])
     gain = 10 / float(raw.std())
@@ -65,6 +62,12 @@ def clip_state(
     for name, value in state.items():
         if "running_var" in name:
             value.copy_(1 + 0.3 * torch.rand(value.shape))
-        elif value.is_floating_point() and value.ndim == 1 and not name.startswith("logit"):
-            value += 0.2 * torch.randn(value.shape)
+        elif "bn" in name and name.endswith("weight"):  # the last of each block begins at 0: the image would not matter
+            value.copy_(1 + 0.2 * torch.randn(value.shape))
+        elif name.endswith("bias"):
+            value.copy_(0.05 * torch.randn(value.shape))
+        elif value.ndim == 4:  # as large as what comes in, layer after layer
+            value.copy_(torch.randn(value.shape) * (2 / value[0].numel()) ** 0.5)
+        elif name == "logit_scale":
+            value.fill_(np.log(100.0))  # as OpenAI's
     return {name: value.half().float() if value.is_floating_point() else value for name, value in state.items()}
