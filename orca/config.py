@@ -29,6 +29,9 @@ __all__ = [
     "get_preset",
 ]
 
+MEASURED_EDGE_RATIO = 1.05
+"""O. Two measured depths further apart than this ratio are two surfaces; estimated depth needs more room for error."""
+
 
 @dataclass(frozen=True)
 class HashConfig:
@@ -236,8 +239,9 @@ class ReconstructConfig:
         return asdict(self)
 
     def trusting_depth(self) -> ReconstructConfig:
-        """The same configuration for measured depth: neither smoothed nor sharpened."""
-        return replace(self, deform=replace(self.deform, denoise_depth=False, sharpen_depth=False))
+        """The same configuration for measured depth: neither smoothed nor sharpened, and smaller steps are edges."""
+        ratio = min(self.deform.edge_ratio, MEASURED_EDGE_RATIO)
+        return replace(self, deform=replace(self.deform, denoise_depth=False, sharpen_depth=False, edge_ratio=ratio))
 
     def with_lifting(self, lifting: Literal["metric", "relative"]) -> ReconstructConfig:
         """The same configuration with another lifting."""

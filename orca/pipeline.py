@@ -237,7 +237,7 @@ def _soften_edges(
     """
     soft = near_depth_edge(canvas.depth, grid.pixels, 2 * grid.spacing, config.deform.edge_ratio)
     soft &= on_near_side(canvas.depth, grid.pixels)
-    anchors = trim_rims(anchors, canvas.depth, grid.pixels, grid.spacing, soft, config.deform)
+    anchors = trim_rims(anchors, canvas.depth, grid.pixels, grid.spacing, config.deform)
     features = anchors.features.clone()
     features[torch.from_numpy(soft), DENSITY_CHANNEL] = density_feature(
         config.deform.edge_density, config.planar.density

@@ -33,6 +33,7 @@ __all__ = ["RepairResult", "repair"]
 
 _RAYS_OPTIMISED = 4000  # at most; a larger hole is optimised on a random part of its pixels
 _INPUT_TOLERANCE = 6 / 255  # change of a pixel of the input view that a repair may cause
+_SMALLER = 0.6  # of its size, for a new anchor that would change it
 _DONOR_ALPHA = 0.95
 _BOUNDARY = 3  # pixels around the hole whose appearance is kept
 
@@ -189,15 +190,23 @@ class _Loop:
         )
 
     def _invisible_in_input(self, new: GaussianAnchors) -> GaussianAnchors:
-        """The new anchors without those that would change the input view."""
+        """The new anchors, smaller where they would change the input view, and without those that still do."""
+        guilty = self._guilty(new)
+        if not guilty.any():
+            return new
+        smaller = torch.from_numpy(np.where(guilty, 2 * np.log(_SMALLER), 0.0).astype(np.float32))
+        new = replace(new, log_variances=new.log_variances + smaller[:, None])
+        return new.subset(torch.from_numpy(~self._guilty(new)))
+
+    def _guilty(self, new: GaussianAnchors) -> NDArray[np.bool_]:
+        """Which new anchors would change the input view, [n]."""
         box = self.input_view.footprint(new)
         if box is None:
-            return new
+            return np.zeros(len(new), bool)
         near = self.input_view.renderer.part(self.input_view.reaching(0, box))
         before = self.input_view.rendered[0].rgb[box[1] : box[3], box[0] : box[2]]
         camera = crop_camera(self.input_view.cameras[0], box)
-        guilty = visible_in(new, near, camera, before, _INPUT_TOLERANCE)
-        return new.subset(torch.from_numpy(~guilty))
+        return visible_in(new, near, camera, before, _INPUT_TOLERANCE)
 
     def _fill(
         self, before: Rendering, component: Component, camera: Camera, decision: Decision
