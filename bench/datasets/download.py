@@ -23,7 +23,7 @@ from orca.images import load_image, save_image
 
 __all__ = ["SETS", "Item", "download", "pixels_sha256"]
 
-SETS = ("realmdreamer", "vistadream", "div2k")
+SETS = ("realmdreamer", "vistadream", "div2k", "weights")
 _IMAGE_SIDE = 512
 _MAX_IMAGE_BYTES = 64 * 2**20
 _MAX_UNPACKED_BYTES = 512 * 2**20
@@ -57,7 +57,7 @@ def download(
     """Fetch what is missing of one of `SETS` into a data root. Files that are there are checked and never replaced.
 
     Args:
-        what: "realmdreamer", "vistadream" or "div2k".
+        what: "realmdreamer", "vistadream", "div2k", or "weights" (of the learned metrics).
         root: the data root.
         fetcher: how; over https when left out.
         dry_run: only say what would be fetched.
@@ -67,7 +67,7 @@ def download(
         BadInput: no such set.
         Unavailable: no network; what was fetched before stays.
     """
-    steps = {"realmdreamer": _realmdreamer, "vistadream": _vistadream, "div2k": _div2k}
+    steps = {"realmdreamer": _realmdreamer, "vistadream": _vistadream, "div2k": _div2k, "weights": _weights}
     if what not in steps:
         raise BadInput(f"'{what}'", ", ".join(SETS), "choose one of these; photos and synthetic need no download")
     return steps[what](Path(root), None if dry_run else fetcher or Fetcher(), report)
@@ -172,6 +172,12 @@ def _div2k(root: Path, fetcher: Fetcher | None, report: Report) -> list[Item]:
         raise BadInput(f"{archive} without {absent[0]} ({len(absent)} missing)", "all 100 images", "fetch it again")
     archive.unlink()
     return [Item(path, "fetched", DIV2K.url) for path in written]
+
+
+def _weights(root: Path, fetcher: Fetcher | None, report: Report) -> list[Item]:
+    from bench.metrics.weights_fetch import fetch_weights
+
+    return [Item(*found) for found in fetch_weights(root / "weights", fetcher, report)]
 
 
 def _tried(path: Path, url: str, step: Callable[[], Item]) -> Item:

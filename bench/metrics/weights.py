@@ -19,7 +19,7 @@ class WeightsFile:
     Attributes:
         metric: id of the metric that needs it.
         name: its name inside the weights folder.
-        source: where a user gets it: the address of a file ends in the file's name, another is a model's page.
+        source: where a user gets it: the address of the file itself, or of a page of which it is part.
         expected_sha256: its hash, where one is published; else empty.
     """
 
@@ -27,6 +27,14 @@ class WeightsFile:
     name: str
     source: str
     expected_sha256: str = ""
+
+    @property
+    def url(self) -> str:
+        """The address of the file itself."""
+        if self.source.endswith(self.name):
+            return self.source
+        on_hub = self.source.startswith("https://huggingface.co/")
+        return f"{self.source}{'/resolve/main' if on_hub else ''}/{self.name}"
 
     def find(self, weights_dir: Path | None) -> Path:
         """Its path; raises `Unavailable`, naming the file and the place, if it is not there."""
