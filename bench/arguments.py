@@ -16,6 +16,7 @@ __all__ = [
     "add_run",
     "add_speed",
     "add_table",
+    "add_tsed",
     "add_validate",
     "add_verify",
 ]
@@ -108,7 +109,7 @@ def add_cameras(parser: argparse.ArgumentParser) -> None:
 
 def add_download(parser: argparse.ArgumentParser) -> None:
     parser.description = "Fetch what is missing of a data set into the data root; every file is checked by its SHA-256."
-    parser.add_argument("what", metavar="NAME", help="realmdreamer, vistadream or div2k")
+    parser.add_argument("what", metavar="NAME", help="realmdreamer, vistadream, div2k, or weights")
     parser.add_argument("--data-root", type=Path, metavar="DIR", help="data ($ORCA_DATA_ROOT, ./data, the user cache)")
     parser.add_argument(
         "--dry-run", action="store_true", help="say what would be fetched from where, and fetch nothing"
@@ -143,6 +144,12 @@ def _add_llava(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--llava-model", metavar="NAME", help="the model's name on that server")
     parser.add_argument("--llava-concurrency", type=int, metavar="N", help="requests at a time (4)")
     parser.add_argument("--llava-timeout", type=float, metavar="S", help="seconds for a request (60)")
+
+
+def add_tsed(parser: argparse.ArgumentParser) -> None:
+    parser.description = "Print what a run's TSED is worth: pooled, per scene, nulls, and the grid of thresholds."
+    parser.add_argument("runs", nargs="+", type=Path, metavar="RUN", help="folder of a run")
+    parser.add_argument("--write", type=Path, metavar="DIR", help="write the tables into this folder too")
 
 
 def _add_dataset(parser: argparse.ArgumentParser) -> None:

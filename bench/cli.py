@@ -29,6 +29,7 @@ __all__ = ["build_parser", "main"]
 _VERBS: dict[str, tuple[str, Callable[[argparse.ArgumentParser], None], str]] = {
     "run": ("compute what is missing of a run, print its tables", arguments.add_run, "run:run_command"),
     "table": ("print tables of a run, or the paper's, from files", arguments.add_table, "table:table_command"),
+    "tsed": ("print a run's TSED: pooled, nulls, grid", arguments.add_tsed, "tsed:tsed_command"),
     "compare": ("say what moved between two runs", arguments.add_compare, "compare:compare_command"),
     "verify": ("find edited results and stale inputs of a run", arguments.add_verify, "verify:verify_command"),
     "speed": ("time renderer and trainer, fast against reference", arguments.add_speed, "speed:speed_command"),

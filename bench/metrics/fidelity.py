@@ -104,7 +104,12 @@ def read_at(image: UInt8Array | Float32Array, positions: Float64Array) -> Float3
 
 
 def resize_to(image: UInt8Array, width: int, height: int) -> UInt8Array:
-    """Bring an image to another size: area averaging when it shrinks, cubic interpolation when it grows."""
+    """Bring an image to another size: area averaging when it shrinks, cubic interpolation when it grows.
+
+    Raises `BadInput` for anything but uint8 [H, W, 3]: a cast of floats would be silent.
+    """
+    if image.dtype != np.uint8 or image.ndim != 3 or image.shape[2] != 3:
+        raise BadInput(f"an image {image.shape} {image.dtype}", "uint8 [H, W, 3]", "convert it first")
     if image.shape[:2] == (height, width):
         return image
     shrinks = image.shape[0] * image.shape[1] > width * height

@@ -102,6 +102,8 @@ def _check(case: SceneCase, output: MethodOutput) -> None:
             "one frame for each evaluated camera",
             "fix the adapter",
         )
+    if frames.dtype != np.uint8 or frames.ndim != 4 or frames.shape[3] != 3:
+        raise BadInput(f"frames of shape {frames.shape}, {frames.dtype}", "uint8 [n, H, W, 3]", "fix the adapter")
     if depth is not None and depth.shape != frames.shape[:3]:
         raise BadInput(
             f"depth of shape {depth.shape} for frames of shape {frames.shape}",

@@ -11,7 +11,7 @@ from bench.metrics.metric import MetricInput, MetricSpec, Score
 from bench.metrics.tsed_config import TsedConfig
 from bench.metrics.tsed_sequence import SequenceScore, score_sequence
 
-__all__ = ["NO_POWER", "EpipolarSelfConsistency", "Tsed"]
+__all__ = ["NO_POWER", "EpipolarSelfConsistency", "Tsed", "sequence_scores"]
 
 NO_POWER = "no power at this step size"
 
@@ -61,7 +61,18 @@ class Tsed:
             few = Score(None, 0, "fewer than two frames")
             return {self.id: few, f"{self.id}_median_sed": few}
         sequence = score_sequence(frames, cameras, self.config, self.threads)
-        return {self.id: _fraction(sequence, frames.shape[1]), f"{self.id}_median_sed": _median(sequence)}
+        return sequence_scores(sequence, frames.shape[1], self.id)
+
+
+def sequence_scores(sequence: SequenceScore, height: int, name: str) -> dict[str, Score]:
+    """The fraction under ``name`` and the median distance under ``name``_median_sed, with all detail.
+
+    Args:
+        sequence: the verdicts.
+        height: of the frames, pixels, for the record.
+        name: id of the fraction.
+    """
+    return {name: _fraction(sequence, height), f"{name}_median_sed": _median(sequence)}
 
 
 class EpipolarSelfConsistency(Tsed):

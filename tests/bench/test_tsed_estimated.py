@@ -99,6 +99,18 @@ def test_too_few_inliers_are_refused() -> None:
     assert score.inlier_ratio < 0.5
 
 
+def test_every_match_counts_and_not_the_inliers_alone() -> None:
+    # 40 % of the matches are 10 px off: the model is fitted to the others, the median is taken over all.
+    x1, x2 = noisy(*matches_of(view(), TURN, cloud(0, 400)))
+    wrong = np.random.default_rng(0).random(len(x2)) < 0.4
+    x2[wrong] += np.random.default_rng(1).uniform(5, 15, (wrong.sum(), 2))
+    score, model = judge(x1, x2), estimate_model(x1, x2)
+    assert model is not None
+    inliers = model.distance[model.distance <= 1.0]
+    assert score.median == np.median(model.distance)
+    assert score.median > 1.5 * np.median(inliers)
+
+
 def test_prefilter_hides_the_evidence() -> None:
     # 55 % of the matches are off by more than 2 px: known cameras say so, but not after RANSAC has removed them.
     rng = np.random.default_rng(6)
