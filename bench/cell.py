@@ -10,7 +10,7 @@ from typing import Any
 
 from bench.adapters import Adapter, MethodOutput, RunOptions
 from bench.checks import check_output
-from bench.codec import ALREADY_CODED, CODEC, coded_before, coded_output
+from bench.codec import ALREADY_CODED, CODEC, coded_before, coded_output, holding
 from bench.datasets.case import Dataset, SceneCase
 from bench.frames import frame_hashes, load_frames, save_frames, stored_precision
 from bench.host import host_facts
@@ -123,7 +123,7 @@ class Cell:
             wall = time.perf_counter() - started
             self._tell("check", 0, 1)
             check_output(case, output)
-            codec, output = self._coded(output)
+            codec, output = self._coded(case, output)
         except Exception as error:  # noqa: BLE001 - a failure is a result: typed, stored, and a cell of the table
             _log.debug("%s %s failed", self.scene, self.name, exc_info=error)
             return replace(record, failure=Failure.of(error, self._phase)), None
@@ -188,14 +188,14 @@ class Cell:
         self.store.save(record)
         return record
 
-    def _coded(self, output: MethodOutput) -> tuple[str | None, MethodOutput]:
+    def _coded(self, case: SceneCase, output: MethodOutput) -> tuple[str | None, MethodOutput]:
         """What the pictures went through, and the pictures after it."""
         if coded_before(self.version):
             return ALREADY_CODED, output
         if not self.codec_match:
             return None, output
         self._tell("codec", 0, 1)
-        return CODEC, coded_output(output)
+        return CODEC, coded_output(output, holding(case.eval_indices))
 
     def _inputs(self, case: SceneCase) -> dict[str, Any]:
         folders = (self.dataset, self.name.partition("-")[0])

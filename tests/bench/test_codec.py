@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from bench.adapters import METHODS as REAL_METHODS
 from bench.adapters import MethodOutput, RunOptions
-from bench.codec import ALREADY_CODED, CODEC, _encode, coded_before, coded_output, through_codec
+from bench.codec import ALREADY_CODED, CODEC, _encode, coded_before, coded_output, holding, through_codec
 from bench.measured import read_runs
 from bench.runner import RunRequest, run_bench
 from bench.store import RunStore
@@ -62,6 +62,19 @@ def test_pixels_change_a_little_and_the_same_way_each_time() -> None:
     assert 0 < error < 30
 
 
+def test_frames_are_held_up_to_the_next_evaluated_one() -> None:
+    assert holding((0, 5, 10, 15, 20, 249)) == 5
+    assert holding((0, 1, 2)) == 1
+    assert holding((7,)) == 1
+    frames = np.random.default_rng(3).integers(0, 256, (4, 48, 64, 3), dtype=np.uint8)  # no neighbour helps another
+    lost = [float(np.mean((through_codec(frames, hold).astype(float) - frames) ** 2)) for hold in (1, 5)]
+    assert through_codec(frames, 5).shape == frames.shape
+    assert lost[1] < lost[0]
+    held = through_codec(frames, 5)
+    nearest = [[float(np.abs(a.astype(int) - b).mean()) for b in frames] for a in held]
+    assert [int(np.argmin(row)) for row in nearest] == [0, 1, 2, 3]
+
+
 @pytest.mark.parametrize("size", [(47, 64), (48, 63), (31, 31), (1, 1), (6, 8)])
 def test_odd_and_tiny_sizes_come_back(size: tuple[int, int]) -> None:
     frames = clip(3, 48, 64)[:, : size[0], : size[1]]
@@ -81,12 +94,12 @@ def test_every_picture_of_an_output_is_coded_and_coverage_is_not() -> None:
     frames = clip()
     coverage = np.random.default_rng(0).random((4, 48, 64), np.float32)
     output = MethodOutput(frames=frames, coverage=coverage, input_view=frames[0], true_views=(frames[1][:30],))
-    coded = coded_output(output)
+    coded = coded_output(output, hold=2)
     assert coded.coverage is coverage
-    whole = through_codec(np.concatenate([frames[:1], frames]))
+    whole = through_codec(np.concatenate([frames[:1], frames]), 2)
     np.testing.assert_array_equal(coded.input_view, whole[0])
     np.testing.assert_array_equal(coded.frames, whole[1:])
-    np.testing.assert_array_equal((coded.true_views or ())[0], through_codec(frames[1:2, :30])[0])
+    np.testing.assert_array_equal((coded.true_views or ())[0], through_codec(frames[1:2, :30], 2)[0])
 
 
 def test_an_input_view_of_another_size_is_a_clip_of_its_own() -> None:
