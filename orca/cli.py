@@ -30,9 +30,8 @@ def build_parser() -> argparse.ArgumentParser:
     verbs = parser.add_subparsers(dest="verb", required=True, metavar="VERB")
     _add_reconstruct(verbs)
     _add_render(verbs)
-    export = _add_verb(verbs, "export", "write a scene as a Gaussian splat .ply for public viewers")
-    export.add_argument("scene", metavar="SCENE", type=Path, help="scene.safetensors")
-    export.add_argument("ply", metavar="PLY", type=Path, help="file to write")
+    _add_export(verbs)
+    _add_view(verbs)
     info = _add_verb(verbs, "info", "say what a scene file holds")
     info.add_argument("scene", metavar="SCENE", type=Path, help="scene.safetensors")
     return parser
@@ -71,6 +70,31 @@ def _add_render(verbs: argparse._SubParsersAction[argparse.ArgumentParser]) -> N
     _add_path(verb, None)
 
 
+def _add_export(verbs: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    verb = _add_verb(verbs, "export", "write a scene as a Gaussian splat .ply for public viewers")
+    verb.add_argument("scene", metavar="SCENE", type=Path, help="scene.safetensors")
+    verb.add_argument("ply", metavar="PLY", type=Path, help="file to write")
+    verb.add_argument("--psnr", action="store_true", help="measure how well the file agrees with the neural render")
+    verb.add_argument("--html", metavar="FILE", type=Path, help="also write a page that shows it, without a server")
+    _add_bake(verb)
+
+
+def _add_view(verbs: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    verb = _add_verb(verbs, "view", "walk in a scene with a browser")
+    verb.add_argument("scene", metavar="SCENE", type=Path, help="scene.safetensors")
+    verb.add_argument("--ply", metavar="PLY", type=Path, help="splats exported from SCENE (default: baked now)")
+    verb.add_argument("--host", default="127.0.0.1", help="address to listen on (default: this machine only)")
+    verb.add_argument("--port", type=int, default=8080, help="port to listen on (default: 8080)")
+    _add_bake(verb)
+
+
+def _add_bake(verb: argparse.ArgumentParser) -> None:
+    text = "fitting steps, 0 for each anchor's own colour (default: 80)"
+    verb.add_argument("--steps", metavar="N", type=int, help=text)
+    text = "views to fit and to play: a path's name or a camera file (default: the scene's own, else spiral)"
+    verb.add_argument("--trajectory", metavar="PATH", help=text)
+
+
 def _add_path(verb: argparse.ArgumentParser, default: str | None) -> None:
     text = "vistadream, spiral, orbit, swing, dolly, forward, back, or a camera file (.json)"
     text += f" (default: {default})" if default else ""
@@ -82,12 +106,13 @@ def _add_path(verb: argparse.ArgumentParser, default: str | None) -> None:
 
 def _run(arguments: argparse.Namespace) -> tuple[dict[str, object], str]:
     """Run the verb; returns a JSON-ready document and the same for people."""
-    from orca import commands
+    from orca import commands, splat_commands
 
     verbs: dict[str, Callable[[argparse.Namespace], tuple[dict[str, object], str]]] = {
         "reconstruct": commands.reconstruct,
         "render": commands.render,
-        "export": commands.export,
+        "export": splat_commands.export,
+        "view": lambda given: splat_commands.view(given, lambda text: print(text, file=sys.stderr, flush=True)),
         "info": commands.info,
     }
     return verbs[arguments.verb](arguments)

@@ -22,7 +22,7 @@ from orca.priors.depth import DepthEstimate, parse_depth_spec
 from orca.progress import PhaseBars
 from orca.scene import Scene
 
-__all__ = ["export", "info", "reconstruct", "render"]
+__all__ = ["info", "reconstruct", "render"]
 
 Answer = tuple[dict[str, object], str]
 
@@ -81,15 +81,6 @@ def render(arguments: argparse.Namespace) -> Answer:
         "ms_per_frame": 1000 * seconds / len(cameras),
     }
     return document, f"{arguments.out}: {len(cameras)} frames in {seconds:.1f} s"
-
-
-def export(arguments: argparse.Namespace) -> Answer:
-    """Scene in, splat file out."""
-    from orca.export import export_ply
-
-    count = export_ply(Scene.load(arguments.scene), arguments.ply)
-    size = arguments.ply.stat().st_size
-    return {"ply": str(arguments.ply), "splats": count, "bytes": size}, f"{arguments.ply}: {count} splats, {size} bytes"
 
 
 def info(arguments: argparse.Namespace) -> Answer:

@@ -12,11 +12,13 @@ from numpy.typing import NDArray
 from orca.atomic import atomic_path
 from orca.conventions import Float32Array
 from orca.errors import BadInput
+from orca.splats.bake import anchor_splats, splat_opacities
+from orca.splats.model import Splats
 
 if TYPE_CHECKING:
     from orca.scene import Scene
 
-__all__ = ["PLY_FIELDS", "SH_C0", "export_ply", "read_ply", "splat_opacities"]
+__all__ = ["PLY_FIELDS", "SH_C0", "export_ply", "read_ply", "read_splats", "splat_opacities", "write_splats"]
 
 SH_C0 = 0.28209479177387814  # the constant spherical harmonic; f_dc is the colour over it, less one half
 PLY_FIELDS = (
@@ -28,26 +30,8 @@ _TYPES = {"float": "<f4", "float32": "<f4", "double": "<f8", "float64": "<f8", "
 _TYPES |= {"int": "<i4", "int32": "<i4", "uint": "<u4", "uint32": "<u4", "short": "<i2", "ushort": "<u2", "char": "i1"}
 
 
-def splat_opacities(scene: Scene) -> Float32Array:
-    """Opacity in [0, 1] of each anchor alone at its centre, 1 - exp(-sigma sigmoid(omega)), [N].
-
-    That is what the quadrature composes (METHOD.md 1). sigmoid(omega) itself, before the decoded density sigma, is not
-    an opacity that a splat viewer could use: the scene would be see-through in it.
-    """
-    import torch
-
-    with torch.inference_mode():
-        sigma = scene.decoders(scene.anchors.features)[0]
-        alpha = 1.0 - torch.exp(-sigma * torch.sigmoid(scene.anchors.opacity_logits))
-    return np.asarray(alpha.cpu().numpy(), np.float32)
-
-
 def export_ply(scene: Scene, path: str | os.PathLike[str]) -> int:
-    """Write the anchors as Gaussian splats (Kerbl et al. 2023 layout, degree 0, binary little endian), atomically.
-
-    Scales are logarithms of standard deviations, opacities logits of `splat_opacities`, rotations wxyz of unit
-    length, colours those of each anchor decoded alone. Axes are the scene's: x right, y down, z forward. A splat
-    viewer blends anchors one by one where ORCA decodes them together, so the picture is close, not equal.
+    """Write each anchor as the splat that it is alone, without fitting (see `orca.splats.bake` for that).
 
     Returns:
         How many splats were written.
@@ -55,41 +39,78 @@ def export_ply(scene: Scene, path: str | os.PathLike[str]) -> int:
     Raises:
         BadInput: a path that cannot be written, or a scene with values that are not finite.
     """
-    vertices = _vertices(scene)
-    header = ["ply", "format binary_little_endian 1.0", f"element vertex {len(vertices)}"]
+    return write_splats(anchor_splats(scene), path)
+
+
+def write_splats(splats: Splats, path: str | os.PathLike[str]) -> int:
+    """Write splats as .ply (Kerbl et al. 2023 layout, degree 0, binary little endian), atomically; return how many.
+
+    Scales are logarithms of standard deviations, opacities logits, rotations wxyz of unit length. Axes are the
+    scene's: x right, y down, z forward. The layout has no room for the stage.
+
+    Raises:
+        BadInput: a path that cannot be written, or values that are not finite.
+    """
+    table = _vertices(splats)
+    header = ["ply", "format binary_little_endian 1.0", f"element vertex {len(table)}"]
     header += [f"property float {name}" for name in PLY_FIELDS] + ["end_header", ""]
     with atomic_path(path) as temporary, temporary.open("wb") as file:
         file.write("\n".join(header).encode("ascii"))
-        file.write(vertices.tobytes())
-    return len(vertices)
+        file.write(table.tobytes())
+    return len(table)
 
 
-def _vertices(scene: Scene) -> Float32Array:
-    """One row per anchor, columns as `PLY_FIELDS`, [N, 17] little endian."""
-    anchors = scene.anchors
-    means, log_variances = anchors.means.detach().cpu().numpy(), anchors.log_variances.detach().cpu().numpy()
-    quaternions = anchors.quaternions.detach().cpu().numpy()
-    norms = np.linalg.norm(quaternions, axis=1, keepdims=True)
-    colours = np.asarray(scene.anchor_colors(), np.float32)
-    alpha = np.clip(splat_opacities(scene).astype(np.float64), *_ALPHA_LIMITS)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        columns = [
-            means,
-            np.zeros_like(means),
-            (colours - 0.5) / SH_C0,
-            np.log(alpha / (1.0 - alpha))[:, None],
-            0.5 * log_variances,
-            quaternions / norms,
-        ]
-    table = np.concatenate(columns, axis=1).astype("<f4")
-    bad = int((~np.isfinite(table)).any(axis=1).sum())
-    if bad:
+def _vertices(splats: Splats) -> Float32Array:
+    """One row per splat, columns as `PLY_FIELDS`, [N, 17] little endian."""
+    if bad := splats.broken():
+        raise BadInput(f"{bad} of {len(splats)} splats that are not finite", "finite splats", "bake the scene again")
+    alpha = np.clip(splats.opacities.astype(np.float64), *_ALPHA_LIMITS)
+    columns = [
+        splats.means,
+        np.zeros_like(splats.means),
+        (splats.colours - 0.5) / SH_C0,
+        np.log(alpha / (1.0 - alpha))[:, None],
+        splats.log_scales,
+        splats.quaternions,
+    ]
+    return np.concatenate(columns, axis=1).astype("<f4")
+
+
+def read_splats(path: str | os.PathLike[str], stage: NDArray[np.uint8] | None = None) -> Splats:
+    """Read a .ply of degree 0 back as splats.
+
+    Args:
+        path: a file that `write_splats` wrote, or another of that layout (higher harmonics are not read).
+        stage: `Stage` of each splat, [N], which the layout does not hold; all original when left out.
+
+    Raises:
+        BadInput: no such file, not such a file, another number of splats than stages, or values that are not finite.
+    """
+    table = read_ply(path)
+    missing = [name for name in PLY_FIELDS if name not in (*(table.dtype.names or ()), "nx", "ny", "nz")]
+    if missing:
+        raise BadInput(f"'{path}' without {', '.join(missing)}", "a 3D Gaussian splat .ply", "export it again")
+    if stage is not None and len(stage) != len(table):
         raise BadInput(
-            f"a scene with {bad} of {len(table)} anchors that are not finite",
-            "finite anchors",
-            "reconstruct the scene again",
+            f"'{path}' of {len(table)} splats for a scene of {len(stage)} anchors",
+            "a .ply that was exported from this scene",
+            "export it again",
         )
-    return table
+
+    def columns(*names: str) -> Float32Array:
+        return np.stack([table[name] for name in names], axis=1).astype(np.float32)
+
+    splats = Splats(
+        means=columns("x", "y", "z"),
+        log_scales=columns("scale_0", "scale_1", "scale_2"),
+        quaternions=columns("rot_0", "rot_1", "rot_2", "rot_3"),
+        colours=columns("f_dc_0", "f_dc_1", "f_dc_2") * np.float32(SH_C0) + np.float32(0.5),
+        opacities=1 / (1 + np.exp(-columns("opacity")[:, 0])),
+        stage=np.zeros(len(table), np.uint8) if stage is None else stage,
+    )
+    if bad := splats.broken():
+        raise BadInput(f"'{path}' with {bad} splats that are not finite", "finite values", "export it again")
+    return splats
 
 
 def read_ply(path: str | os.PathLike[str]) -> NDArray[np.void]:

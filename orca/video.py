@@ -16,8 +16,10 @@ from orca.errors import BadInput
 __all__ = ["read_video", "write_video"]
 
 
-def write_video(path: Path, frames: Iterable[UInt8Array], fps: float = 20.0, crf: int = 23) -> None:
-    """Write an mp4: H.264, yuv420p, one key frame interval of the encoder's choice.
+def write_video(
+    path: Path, frames: Iterable[UInt8Array], fps: float = 20.0, crf: int = 23, key_every: int | None = None
+) -> None:
+    """Write an mp4: H.264, yuv420p.
 
     The file appears only when it is complete. H.264 with 4:2:0 colour needs even sizes: an odd width or height gets
     one more column or row, a copy of the last; who reads it back cuts it off (``frames[:, :height, :width]``).
@@ -27,14 +29,17 @@ def write_video(path: Path, frames: Iterable[UInt8Array], fps: float = 20.0, crf
         frames: images of one size, [H, W, 3] uint8; consumed one at a time.
         fps: frames a second.
         crf: constant rate factor, 0 (lossless luma) to 51.
+        key_every: frames from one key frame to the next, for players that jump about; the encoder's choice if None.
 
     Raises:
-        BadInput: no frames, frames of different sizes, another type, or fps/crf out of range.
+        BadInput: no frames, frames of different sizes, another type, or fps/crf/key_every out of range.
     """
     if not (0 < fps <= 1000 and 0 <= crf <= 51):
         raise BadInput(f"fps {fps:g}, crf {crf}", "0 < fps <= 1000 and crf 0..51", "give other values")
+    if key_every is not None and key_every < 1:
+        raise BadInput(f"a key frame every {key_every} frames", "1 or more", "leave it out")
     with atomic_path(Path(path)) as unfinished:
-        _encode(unfinished, _even(_checked(frames)), fps, crf)
+        _encode(unfinished, _even(_checked(frames)), fps, crf, key_every)
 
 
 def _checked(frames: Iterable[UInt8Array]) -> Iterator[UInt8Array]:
@@ -59,7 +64,7 @@ def _even(frames: Iterator[UInt8Array]) -> Iterator[UInt8Array]:
         yield np.pad(frame, ((0, odd[0]), (0, odd[1]), (0, 0)), mode="edge") if any(odd) else frame
 
 
-def _encode(path: Path, frames: Iterator[UInt8Array], fps: float, crf: int) -> None:
+def _encode(path: Path, frames: Iterator[UInt8Array], fps: float, crf: int, key_every: int | None) -> None:
     import av
 
     first = next(frames)
@@ -67,7 +72,7 @@ def _encode(path: Path, frames: Iterator[UInt8Array], fps: float, crf: int) -> N
         stream = container.add_stream("libx264", rate=Fraction(fps).limit_denominator(1000))
         stream.height, stream.width = first.shape[:2]
         stream.pix_fmt = "yuv420p"
-        stream.options = {"crf": str(crf)}
+        stream.options = {"crf": str(crf), **({} if key_every is None else {"g": str(key_every)})}
         container.mux(stream.encode(av.VideoFrame.from_ndarray(first, format="rgb24")))
         for frame in frames:
             container.mux(stream.encode(av.VideoFrame.from_ndarray(np.ascontiguousarray(frame), format="rgb24")))

@@ -24,6 +24,7 @@ def fake_scene(n: int = 5) -> Any:
         quaternions=torch.randn(n, 4, generator=generator) * 3,
         opacity_logits=torch.randn(n, generator=generator),
         features=torch.zeros(n, 32),
+        stage=torch.arange(n).remainder(3).to(torch.uint8),
     )
     colours = np.random.default_rng(0).random((n, 3), dtype=np.float32)
     return SimpleNamespace(

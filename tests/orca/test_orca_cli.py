@@ -160,7 +160,7 @@ def test_render_info_and_export(scene_file: Path, tmp_path: Path, capsys: pytest
     assert run("info", scene_file, "--json") == 0
     document = json.loads(capsys.readouterr().out)
     assert (document["anchors"], document["camera"]["width"]) == (1, SIZE)
-    assert run("export", scene_file, tmp_path / "s.ply") == 0
+    assert run("export", scene_file, tmp_path / "s.ply", "--steps", 0) == 0
     captured = capsys.readouterr()
     assert "1 splats" in captured.out
     assert captured.err == ""

@@ -1,0 +1,1 @@
+"""Scenes as plain Gaussian splats: baked, rendered, written."""

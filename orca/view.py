@@ -1,0 +1,217 @@
+"""A scene in the browser: a viser server on this machine, or one HTML file that needs no server."""
+
+from __future__ import annotations
+
+import errno
+import math
+import socket
+import sys
+import threading
+from collections.abc import Sequence
+from contextlib import redirect_stdout
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from orca.anchors import Stage
+from orca.atomic import atomic_path
+from orca.camera import Camera
+from orca.errors import BadInput, Unavailable
+from orca.splats.model import Splats
+
+__all__ = ["SceneViewer", "camera_pose", "write_html"]
+
+_PATH_COLOUR = (120, 150, 190)
+
+
+def camera_pose(camera: Camera) -> tuple[tuple[float, ...], tuple[float, ...], float]:
+    """Orientation of the camera in the world (wxyz), position, and vertical field of view in radians."""
+    from scipy.spatial.transform import Rotation
+
+    x, y, z, w = Rotation.from_matrix(camera.rotation.T).as_quat()
+    fov = 2 * math.atan(camera.height / (2 * camera.K[1, 1]))
+    return (w, x, y, z), tuple(camera.center.tolist()), fov
+
+
+class SceneViewer:
+    """Serves splats until it is closed; a context manager.
+
+    The page has a switch for each kind of splat, a slider along the path and a switch that plays it.
+
+    Args:
+        splats: what to show.
+        camera: the input view, where the page opens.
+        path: cameras of the playback; may be empty.
+        host: address to listen on; anything but a loopback address shows the scene to the network.
+        port: port to listen on, 1 to 65535.
+        fps: frames a second of the playback.
+
+    Raises:
+        Unavailable: viser is not installed.
+        BadInput: an address or port that cannot be listened on.
+    """
+
+    def __init__(
+        self,
+        splats: Splats,
+        camera: Camera,
+        path: Sequence[Camera] = (),
+        host: str = "127.0.0.1",
+        port: int = 8080,
+        fps: float = 20.0,
+    ) -> None:
+        _check_free(host, port)
+        self._path, self._fps = tuple(path), fps
+        self.server = _server(host, port)
+        self.handles = _add_scene(self.server, splats, camera, self._path)
+        self._closed = threading.Event()
+        self._add_controls(camera)
+        self._player = threading.Thread(target=self._play, daemon=True)
+        self._player.start()
+
+    @property
+    def url(self) -> str:
+        """Where the page is."""
+        host = self.server.get_host()
+        shown = f"[{host}]" if ":" in host else host
+        return f"http://{shown}:{self.server.get_port()}"
+
+    def show(self, frame: int) -> None:
+        """Move every visitor to a camera of the path."""
+        self._move(self._path[frame])
+
+    def wait(self) -> None:
+        """Return when the viewer is closed."""
+        self._closed.wait()
+
+    def close(self) -> None:
+        """Stop serving."""
+        self._closed.set()
+        self._player.join()
+        _stop(self.server)
+
+    def __enter__(self) -> SceneViewer:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def _add_controls(self, camera: Camera) -> None:
+        gui = self.server.gui
+        gui.configure_theme(show_logo=False, show_share_button=False, control_layout="collapsible")
+        with gui.add_folder("Anchors"):
+            for name, handle in self.handles.items():
+                self._add_switch(name, handle)
+        with gui.add_folder("Camera"):
+            home = gui.add_button("Input view")
+            home.on_click(lambda _: self._move(camera))
+            last = max(1, len(self._path) - 1)
+            none = len(self._path) < 2
+            self.frame = gui.add_slider("Path", 0, last, 1, 0, disabled=none)
+            self.playing = gui.add_checkbox("Play", False, disabled=none)
+            self.frame.on_update(lambda _: self.show(int(self.frame.value)))
+
+    def _add_switch(self, name: str, handle: Any) -> None:
+        switch = self.server.gui.add_checkbox(name, True)
+
+        def toggled(_: object) -> None:
+            handle.visible = switch.value
+
+        switch.on_update(toggled)
+
+    def _move(self, camera: Camera) -> None:
+        wxyz, position, fov = camera_pose(camera)
+        for client in self.server.get_clients().values():
+            with client.atomic():
+                client.camera.wxyz, client.camera.position, client.camera.fov = wxyz, position, fov
+
+    def _play(self) -> None:
+        """Advance the slider while Play is on; moving the slider moves the camera."""
+        while not self._closed.wait(1 / self._fps):
+            if self.playing.value and len(self._path) > 1:
+                self.frame.value = (int(self.frame.value) + 1) % len(self._path)
+
+
+def write_html(splats: Splats, camera: Camera, file: Path) -> int:
+    """Write the splats and viser's client into one HTML file that opens without a server; return its bytes.
+
+    Raises:
+        Unavailable: viser is not installed.
+        BadInput: a path that cannot be written.
+    """
+    server = _server("127.0.0.1", _free_port())
+    try:
+        _add_scene(server, splats, camera, ())
+        page = server.scene.as_html(dark_mode=True)
+    finally:
+        _stop(server)
+    with atomic_path(file) as temporary:
+        temporary.write_text(page, encoding="utf-8")
+    return Path(file).stat().st_size
+
+
+def _server(host: str, port: int) -> Any:
+    try:
+        import viser
+    except ImportError as error:
+        raise Unavailable("viser is not installed", "viser >= 0.2", "pip install 'orca-nvs[view]'") from error
+    with redirect_stdout(sys.stderr):  # viser greets on stdout, which is for answers
+        return viser.ViserServer(host=host, port=port, label="ORCA", verbose=False)
+
+
+def _stop(server: Any) -> None:
+    with redirect_stdout(sys.stderr):
+        server.stop()
+
+
+def _add_scene(server: Any, splats: Splats, camera: Camera, path: Sequence[Camera]) -> dict[str, Any]:
+    """Put the splats, the path and the first camera into a server; returns the splats' handles by name and count."""
+    scene = server.scene
+    scene.set_up_direction("-y")
+    _, position, fov = camera_pose(camera)
+    ahead = camera.rotation[2] * float(np.median((splats.means @ camera.rotation[2]) if len(splats) else 1.0))
+    server.initial_camera.position = position
+    server.initial_camera.look_at = camera.center + ahead
+    server.initial_camera.up = -camera.rotation[1]
+    server.initial_camera.fov = fov
+    handles = {}
+    for stage in Stage:
+        chosen = splats.stage == stage
+        if not chosen.any():
+            continue
+        name = stage.name.lower()
+        handles[f"{name} ({int(chosen.sum()):,})"] = scene.add_gaussian_splats(
+            f"/{name}",
+            centers=splats.means[chosen],
+            covariances=splats.covariances()[chosen],
+            rgbs=np.clip(splats.colours[chosen], 0, 1),
+            opacities=splats.opacities[chosen, None],
+        )
+    if len(path) > 1:
+        places = np.stack([view.center for view in path])
+        scene.add_spline_catmull_rom("/path", points=places, line_width=1.5, color=_PATH_COLOUR, visible=False)
+    return handles
+
+
+def _free_port() -> int:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])
+
+
+def _check_free(host: str, port: int) -> None:
+    """viser takes the next port when one is taken; whoever asked for a port should hear of it instead."""
+    if not 1 <= port <= 65535:
+        raise BadInput(f"port {port}", "1 to 65535", "give another --port")
+    try:
+        family, kind, protocol, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
+        with socket.socket(family, kind, protocol) as probe:
+            probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            probe.bind(address)
+    except OSError as error:
+        taken = getattr(error, "errno", None) == errno.EADDRINUSE
+        fix = "give another --port" if taken else "use --host 127.0.0.1"
+        raise BadInput(
+            f"cannot listen on {host} port {port} ({error})", "a free address of this machine", fix
+        ) from error

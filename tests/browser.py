@@ -1,0 +1,55 @@
+"""A headless browser for tests of pages; they are skipped where there is none."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from typing import Any
+
+import pytest
+
+__all__ = ["Watched", "open_page"]
+
+_NAMES = ("chromium", "chromium-browser", "google-chrome")
+_QUIET = ("--no-sandbox", "--disable-background-networking", "--disable-component-update", "--no-first-run")
+_SOFTWARE_GL = ("--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader")
+
+
+@dataclass
+class Watched:
+    """A page, and what it did that it should not.
+
+    Attributes:
+        page: playwright's page.
+        errors: console errors and uncaught exceptions.
+        requests: every request that is not for data in the page itself.
+    """
+
+    page: Any
+    errors: list[str] = field(default_factory=list)
+    requests: list[str] = field(default_factory=list)
+
+
+@contextmanager
+def open_page(width: int = 1100, height: int = 800, webgl: bool = False, **options: Any) -> Iterator[Watched]:
+    """A fresh page of Debian's chromium (or another of its names on the path)."""
+    sync_api = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
+    found = next((path for name in _NAMES if (path := shutil.which(name))), None)
+    if found is None:
+        pytest.skip("no chromium on the path")
+    with sync_api.sync_playwright() as play:
+        flags = [*_QUIET, *(_SOFTWARE_GL if webgl else ("--disable-gpu",))]
+        browser = play.chromium.launch(executable_path=found, args=flags)
+        page = browser.new_page(viewport={"width": width, "height": height}, **options)
+        page.set_default_timeout(120_000)  # a busy machine is no failure
+        watched = Watched(page)
+        page.on("console", lambda message: watched.errors.append(message.text) if message.type == "error" else None)
+        page.on("pageerror", lambda error: watched.errors.append(str(error)))
+        page.on("request", lambda request: watched.requests.append(request.url))
+        try:
+            yield watched
+        finally:
+            browser.close()
+        watched.requests[:] = [url for url in watched.requests if not url.startswith(("data:", "blob:"))]

@@ -1,0 +1,140 @@
+"""Baking: plain splats that look like the neural scene, and the verb that writes them."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from orca.cli import main
+from orca.config import get_preset
+from orca.errors import BadInput
+from orca.export import read_splats, write_splats
+from orca.paths import make_path, path_cameras
+from orca.pipeline import reconstruct
+from orca.priors.depth import DepthEstimate
+from orca.scene import Scene
+from orca.splats.agreement import agreement, held_out
+from orca.splats.bake import BakeConfig, anchor_splats, bake, fitted_frames
+from tests.orca.stage_inputs import picture, view
+
+SIZE = 48
+PATH = path_cameras(make_path("swing", 9), view(SIZE, SIZE))
+
+
+@pytest.fixture(scope="module")
+def scene() -> Scene:
+    """A picture on two surfaces, a near square in front of a plane."""
+    depth = np.full((SIZE, SIZE), 1.5, np.float32)
+    depth[16:34, 14:30] = 0.9
+    config = get_preset("draft")
+    config = replace(config, repair=replace(config.repair, enabled=False))
+    camera = view(SIZE, SIZE)
+    return reconstruct(picture(SIZE, SIZE), camera, DepthEstimate(depth, "made up", True), PATH[:2], config).scene
+
+
+@pytest.fixture(scope="module")
+def scene_file(scene: Scene, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("scene") / "scene.safetensors"
+    scene.save(path)
+    return path
+
+
+def test_fitting_brings_the_splats_close(scene: Scene) -> None:
+    """At the input view, at twice its size, and on views that were not fitted."""
+    config = BakeConfig(steps=60)
+    double = scene.camera.resized(2 * SIZE, 2 * SIZE)
+    cameras = (scene.camera, double, *(PATH[i] for i in held_out(PATH, fitted_frames(len(PATH), config), 2)))
+    before = agreement(scene, anchor_splats(scene), cameras)
+    after = agreement(scene, bake(scene, PATH, config), cameras)
+    assert after[0] > before[0] + 6
+    assert after[1] > before[1] + 4
+    assert min(after[2:]) > max(before[2:]) + 3
+
+
+def test_only_looks_change(scene: Scene) -> None:
+    plain, baked = anchor_splats(scene), bake(scene, PATH, BakeConfig(steps=3))
+    np.testing.assert_array_equal(baked.means, plain.means)
+    np.testing.assert_array_equal(baked.quaternions, plain.quaternions)
+    np.testing.assert_array_equal(baked.stage, scene.anchors.stage.numpy())
+    growth = np.exp(baked.log_scales - plain.log_scales)
+    np.testing.assert_allclose(growth, growth[:, :1].repeat(3, 1), rtol=1e-4)  # larger or smaller, not another shape
+    assert growth.min() >= 0.2499
+    assert growth.max() <= 1.4001
+    assert baked.colours.min() >= 0
+    assert baked.colours.max() <= 1
+
+
+def test_baking_repeats_bit_for_bit(scene: Scene) -> None:
+    one, two = (bake(scene, PATH, BakeConfig(steps=4)) for _ in range(2))
+    np.testing.assert_array_equal(one.colours, two.colours)
+    np.testing.assert_array_equal(one.opacities, two.opacities)
+
+
+def test_no_steps_and_no_path(scene: Scene) -> None:
+    np.testing.assert_array_equal(bake(scene, PATH, BakeConfig(steps=0)).colours, anchor_splats(scene).colours)
+    seen: list[tuple[str, int, int]] = []
+    bake(scene, (), BakeConfig(steps=2, zoom=0), lambda *step: seen.append(step))
+    assert seen == [("bake", 1, 2), ("bake", 2, 2)]
+    for wrong in ({"steps": -1}, {"views": -1}):
+        with pytest.raises(BadInput):
+            BakeConfig(**wrong)
+
+
+def test_held_out_frames_are_not_the_fitted_ones() -> None:
+    path = PATH * 3
+    fitted = fitted_frames(len(path), BakeConfig())
+    assert len(fitted) == 6
+    tested = held_out(path, fitted)
+    assert len(tested) == 4
+    assert not set(tested) & set(fitted)
+    assert fitted_frames(0, BakeConfig()) == []
+    assert held_out(path, range(len(path))) == []
+
+
+def test_the_file_holds_what_was_baked(scene: Scene, tmp_path: Path) -> None:
+    baked = bake(scene, PATH, BakeConfig(steps=2))
+    assert write_splats(baked, tmp_path / "s.ply") == len(baked)
+    back = read_splats(tmp_path / "s.ply", baked.stage)
+    np.testing.assert_array_equal(back.means, baked.means)
+    np.testing.assert_allclose(back.colours, baked.colours, atol=1e-6)
+    np.testing.assert_allclose(back.opacities, baked.opacities, atol=2e-4)
+    with pytest.raises(BadInput, match="splats for a scene of 3 anchors"):
+        read_splats(tmp_path / "s.ply", np.zeros(3, np.uint8))
+    broken = replace(baked, colours=np.full_like(baked.colours, np.nan))
+    with pytest.raises(BadInput, match="not finite"):
+        write_splats(broken, tmp_path / "broken.ply")
+
+
+def test_a_point_cloud_is_no_splat_file(tmp_path: Path) -> None:
+    head = "ply\nformat binary_little_endian 1.0\nelement vertex 1\n"
+    head += "".join(f"property float {name}\n" for name in "xyz") + "end_header\n"
+    (tmp_path / "points.ply").write_bytes(head.encode() + np.zeros(3, "<f4").tobytes())
+    with pytest.raises(BadInput, match="without f_dc_0"):
+        read_splats(tmp_path / "points.ply")
+
+
+def test_export_reports_the_agreement_of_the_file(
+    scene: Scene, scene_file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    ply = tmp_path / "s.ply"
+    options = ["--steps", "5", "--trajectory", "swing", "--psnr", "--json"]
+    assert main(["export", str(scene_file), str(ply), *options]) == 0
+    answer = json.loads(capsys.readouterr().out)
+    assert answer["splats"] == scene.num_anchors
+    assert answer["bytes"] == ply.stat().st_size
+    assert answer["psnr"]["input"] == pytest.approx(agreement(scene, read_splats(ply), [scene.camera])[0], abs=1e-6)
+    assert 15 < answer["psnr"]["held_out"] < 60
+    assert main(["export", str(scene_file), str(ply), "--steps", "-1"]) == 2
+    assert "steps" in capsys.readouterr().err
+
+
+def test_equal_pictures_count_as_a_hundred_decibels() -> None:
+    from orca.splats.agreement import _psnr
+
+    black = np.zeros((4, 4, 3), np.float32)
+    assert _psnr(black, black) == 100
+    assert _psnr(black, black + np.float32(0.1)) == pytest.approx(-20 * np.log10(26 / 255), abs=1e-6)
