@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import threading
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
@@ -11,6 +12,7 @@ from typing import Any, Generic, ParamSpec, TypeVar
 
 import numba
 import torch
+from threadpoolctl import ThreadpoolController
 
 __all__ = ["Kernel", "in_serial_mode", "kernel", "map_on_cores", "multi_threaded_torch", "single_threaded_torch"]
 
@@ -63,7 +65,7 @@ def map_on_cores(work: Callable[[T], R], items: Iterable[T]) -> list[R]:
     """``[work(item) for item in items]``, one item per core at a time; inside a worker, one after another."""
     if in_serial_mode() or numba.get_num_threads() == 1:
         return [work(item) for item in items]
-    with single_threaded_torch():
+    with single_threaded_torch(), single_threaded_blas():
         return list(_pool(numba.get_num_threads()).map(work, items))
 
 
@@ -75,6 +77,23 @@ def _pool(workers: int) -> ThreadPoolExecutor:
 def _become_worker() -> None:
     _mode.serial = True
     torch.set_num_threads(1)
+
+
+@lru_cache(maxsize=1)
+def _blas() -> ThreadpoolController:
+    """Control of the BLAS that numba's ``np.dot`` calls: scipy's, which must be loaded to be seen."""
+    importlib.import_module("scipy.linalg.cython_blas")
+    return ThreadpoolController()
+
+
+@contextmanager
+def single_threaded_blas() -> Iterator[None]:
+    """Keep BLAS to the calling thread for a while: compiled code gives each core its own small products."""
+    if in_serial_mode():  # a worker of `map_on_cores`, whose caller has seen to it
+        yield
+        return
+    with _blas().limit(limits=1, user_api="blas"):
+        yield
 
 
 @contextmanager

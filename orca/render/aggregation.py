@@ -66,7 +66,8 @@ def layer_index(hits: PaddedHits, config: RenderConfig) -> Tensor:
     reach = config.layer_gap_sigmas * torch.maximum(sigma[:, 1:], sigma[:, :-1])
     reach = torch.maximum(reach, config.layer_gap_relative * t[:, :-1])
     breaks = (t[:, 1:] - t[:, :-1]) > reach
-    return torch.cat([torch.zeros_like(breaks[:, :1]), breaks], 1).long().cumsum(1)
+    first = torch.zeros_like(t[:, :1], dtype=torch.bool)
+    return torch.cat([first, breaks], 1).long().cumsum(1)
 
 
 def aggregate(hits: PaddedHits, config: RenderConfig) -> Samples:

@@ -14,18 +14,21 @@ from orca.anchors import GaussianAnchors
 from orca.camera import Camera
 from orca.config import RenderConfig
 from orca.conventions import Float32Array
-from orca.field.decoders import Decoders
-from orca.render import fast
+from orca.field.decoders import SH_DIM, Decoders, spherical_harmonics
+from orca.render.compact import CompactDecoders
 from orca.render.conics import project_anchors
+from orca.render.frame import FieldTables, Mode, render_tiles
 from orca.render.hits import HitList
 from orca.render.reference import render_rays
-from orca.render.selector import select_whitened
+from orca.render.selector import footprints, select_whitened
+from orca.threads import map_on_cores, single_threaded_blas
 
 if TYPE_CHECKING:
     from orca.scene import Scene
 
 __all__ = ["Renderer", "Rendering", "render"]
 
+_PIECES = 16  # shares of the tiles that the cores take one at a time
 _REFERENCE_RAYS = 16384  # rays a chunk: keeps the padded tensors of the reference path small
 
 
@@ -61,17 +64,20 @@ class Renderer:
         # `Module.to` moves in place: a copy, or the scene's own decoders would leave the CPU with the renderer's.
         self.decoders = decoders if device == "cpu" else deepcopy(decoders).to(device)
         self.anchors = anchors.detached().to(device)
+        matrices = CompactDecoders.of(decoders)
         with torch.inference_mode():
             self.means = np.ascontiguousarray(anchors.means.detach().cpu().numpy())
             self.whitening = np.ascontiguousarray(anchors.whitening().detach().cpu().numpy())
             self.opacity = torch.sigmoid(anchors.opacity_logits.detach()).cpu().numpy()
-            self.hidden = self.decoders.density_in(self.anchors.features).cpu().numpy()
+            # The first density layer is linear and aggregation weights sum to one: applied once an anchor (5.3).
+            self.carried = anchors.features.detach().cpu().numpy() @ matrices.density_in
+        self.matrices = matrices
 
     def extended(self, more: Renderer) -> Renderer:
         """A renderer of these anchors followed by those of ``more`` (same decoders and configuration)."""
         whole = copy(self)
         whole.anchors = GaussianAnchors.concatenate(self.anchors, more.anchors)
-        for name in ("means", "whitening", "opacity", "hidden"):
+        for name in ("means", "whitening", "opacity", "carried"):
             setattr(whole, name, np.concatenate([getattr(self, name), getattr(more, name)]))
         return whole
 
@@ -79,7 +85,7 @@ class Renderer:
         """A renderer of some of the anchors, in the same order: the same image wherever the others do not reach."""
         some = copy(self)
         some.anchors = self.anchors.subset(torch.from_numpy(np.flatnonzero(keep)))
-        for name in ("means", "whitening", "opacity", "hidden"):
+        for name in ("means", "whitening", "opacity", "carried"):
             setattr(some, name, getattr(self, name)[keep])
         return some
 
@@ -95,27 +101,38 @@ class Renderer:
         """Which anchors each pixel sees."""
         return select_whitened(self.means, self.whitening, camera, self.config)
 
-    def render(self, camera: Camera, hits: HitList | None = None) -> Rendering:
-        """Render one view; ``hits`` may be passed when they are known already."""
-        hits = self.hits(camera) if hits is None else hits
-        pixels = self._fast(camera, hits) if self.device == "cpu" else self._reference(camera, hits)
+    def render(self, camera: Camera) -> Rendering:
+        """Render one view."""
+        pixels, overflow = self._tiles(camera) if self.device == "cpu" else self._reference(camera)
         shape = (camera.height, camera.width)
         alpha = pixels[:, 3].reshape(shape)
         rgb = pixels[:, :3].reshape(*shape, 3) + (1 - alpha[..., None]) * np.float32(self.config.background)
         with np.errstate(invalid="ignore", divide="ignore"):
             depth = np.where(alpha > 0, pixels[:, 4].reshape(shape) / alpha, 0).astype(np.float32)
-        return Rendering(np.ascontiguousarray(rgb), np.ascontiguousarray(alpha), depth, hits.overflow)
+        return Rendering(np.ascontiguousarray(rgb), np.ascontiguousarray(alpha), depth, overflow)
 
-    def _fast(self, camera: Camera, hits: HitList) -> Float32Array:
-        samples = fast.aggregate(hits, self.opacity, self.hidden, self.config)
-        directions = fast.view_directions(camera, samples.ray) if self.decoders.use_direction else None
-        sigma, colour = fast.decode(self.decoders, samples.features, directions)
-        out: Float32Array = fast.composite_samples(
-            samples.start, sigma.numpy(), samples.opacity, colour.numpy(), samples.t
+    def _tiles(self, camera: Camera) -> tuple[Float32Array, int]:
+        size, config, m = (camera.width, camera.height), self.config, self.matrices
+        where, _ = footprints(self.means, self.whitening, camera, config)
+        directions = _harmonics(camera) if len(m.from_direction) else np.empty((0, SH_DIM), np.float32)
+        field = FieldTables(
+            self.opacity, self.carried, m.density, m.from_geo, m.from_direction, m.middle, m.last, directions
         )
-        return out
+        gaps = (config.layer_gap_sigmas, config.layer_gap_relative)
+        mode = Mode((config.chi2, config.near), gaps, config.decode == "layered", config.window, config.max_hits)
+        out = np.zeros((camera.width * camera.height, 5), np.float32)
+        tiles = len(where.offset) - 1
+        step = max(1, -(-tiles // _PIECES))
 
-    def _reference(self, camera: Camera, hits: HitList) -> Float32Array:
+        def work(first: int) -> int:
+            overflow: int = render_tiles(first, min(tiles, first + step), size, where, field, mode, out)
+            return overflow
+
+        with single_threaded_blas():
+            return out, sum(map_on_cores(work, range(0, tiles, step)))
+
+    def _reference(self, camera: Camera) -> tuple[Float32Array, int]:
+        hits = self.hits(camera)
         out = np.zeros((hits.num_rays, 5), np.float32)
         rays = np.flatnonzero(hits.count > 0)
         for low in range(0, len(rays), _REFERENCE_RAYS):
@@ -131,7 +148,13 @@ class Renderer:
                     self.config,
                 )
             out[part] = torch.cat([rgb, alpha[:, None], depth[:, None]], 1).cpu().numpy()
-        return out
+        return out, hits.overflow
+
+
+def _harmonics(camera: Camera) -> Float32Array:
+    """Spherical harmonics of every pixel's viewing direction, [pixels, 16]."""
+    rays = torch.nn.functional.normalize(torch.from_numpy(camera.rays()).float(), dim=1)
+    return np.ascontiguousarray(spherical_harmonics(rays).numpy())
 
 
 def render(scene: Scene, camera: Camera, device: str = "cpu") -> Rendering:

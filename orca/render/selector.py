@@ -1,6 +1,6 @@
 """Ray Intersection Selector: which anchors each ray hits, in depth order (METHOD.md 1, RIS).
 
-`select` is exact and fast: conics give each anchor's pixel interval on every scanline, bands of rows are worked on in
+`select` is exact and fast: conics give each anchor's pixel interval on every scanline, tiles are worked on in
 parallel. `select_brute_force` is the definition, ray by ray and anchor by anchor; tests hold the two together.
 """
 
@@ -15,14 +15,16 @@ from torch import Tensor
 from orca.anchors import GaussianAnchors
 from orca.camera import Camera
 from orca.config import RenderConfig
-from orca.conventions import Float32Array, Float64Array
+from orca.conventions import Float32Array
 from orca.render.conics import project_anchors
 from orca.render.hits import HitList
-from orca.threads import kernel
+from orca.render.tiles import Footprints, assign_tiles, collect_tile, hit_bound, new_tile_hits, tile_box
+from orca.threads import map_on_cores
 
-__all__ = ["ray_anchor_closest_approach", "select", "select_brute_force"]
+__all__ = ["footprints", "ray_anchor_closest_approach", "select", "select_brute_force", "select_whitened"]
 
-_BAND_ROWS = 8
+_PIECES = 16  # shares of the tiles that the cores take one at a time
+_Columns = tuple[NDArray[np.int32], Float32Array, Float32Array, Float32Array]  # anchor, t*, m2, a
 
 
 def ray_anchor_closest_approach(
@@ -54,160 +56,87 @@ def select(anchors: GaussianAnchors, camera: Camera, config: RenderConfig) -> Hi
 def select_whitened(means: Float32Array, whitening: Float32Array, camera: Camera, config: RenderConfig) -> HitList:
     """`select` for means [N, 3] and whitening matrices [N, 3, 3] that are already at hand."""
     size = (camera.width, camera.height)
+    where, inside = footprints(means, whitening, camera, config)
+    tiles = len(where.offset) - 1
+    start, count = np.zeros(size[0] * size[1], np.int64), np.zeros(size[0] * size[1], np.int32)
+    step = max(1, -(-tiles // _PIECES))
+
+    def work(first: int) -> tuple[int, _Columns]:
+        end, limits = min(tiles, first + step), (config.chi2, config.near)
+        out: tuple[int, _Columns] = _collect(first, end, size, where, limits, config.max_hits, start, count)
+        return out
+
+    pieces = map_on_cores(work, range(0, tiles, step))
+    base = 0
+    for i, (_, columns) in enumerate(pieces):
+        _shift(i * step, min(tiles, (i + 1) * step), size, start, base)
+        base += len(columns[0])
+    anchor, t_hit, m2, precision = (np.concatenate([p[1][c] for p in pieces]) for c in range(4))
+    return HitList(start, count, anchor, t_hit, m2, precision, sum(p[0] for p in pieces), inside)
+
+
+def footprints(
+    means: Float32Array, whitening: Float32Array, camera: Camera, config: RenderConfig
+) -> tuple[Footprints, int]:
+    """Where anchors project to in a view, and how many are left out because the camera is inside of them."""
+    size = (camera.width, camera.height)
+    pose, rays = camera.world_to_camera, camera.pixel_to_ray()
     conic, box, inside = project_anchors(
         np.ascontiguousarray(means),
         np.ascontiguousarray(whitening),
-        camera.world_to_camera,
+        pose,
         camera.K,
-        camera.pixel_to_ray(),
+        rays,
         size,
         config.chi2,
         config.near,
     )
-    offset, member = _bands(box, camera.height)
-    start, count, anchor, t_hit, m2, precision = _intersect(conic, box, offset, member, size, config.chi2, config.near)
-    overflow = _sort_rays(start, count, anchor, t_hit, m2, precision, config.max_hits)
-    return HitList(start, count, anchor, t_hit, m2, precision, int(overflow), int(inside.sum()))
+    return Footprints(conic, box, *assign_tiles(box, size)), int(inside.sum())
 
 
 @numba.njit(cache=True, nogil=True)  # type: ignore[untyped-decorator]
-def _bands(box: NDArray[np.int32], height: int) -> tuple[NDArray[np.int64], NDArray[np.int32]]:
-    """Anchors of each band of rows: offsets [B + 1] and anchor indices, in ascending order within a band."""
-    bands = (height + _BAND_ROWS - 1) // _BAND_ROWS
-    offset = np.zeros(bands + 1, np.int64)
-    for i in range(box.shape[0]):
-        if box[i, 2] > box[i, 0] and box[i, 3] > box[i, 1]:
-            for b in range(box[i, 1] // _BAND_ROWS, (box[i, 3] - 1) // _BAND_ROWS + 1):
-                offset[b + 1] += 1
-    for b in range(bands):
-        offset[b + 1] += offset[b]
-    member = np.empty(offset[bands], np.int32)
-    cursor = offset[:-1].copy()
-    for i in range(box.shape[0]):
-        if box[i, 2] > box[i, 0] and box[i, 3] > box[i, 1]:
-            for b in range(box[i, 1] // _BAND_ROWS, (box[i, 3] - 1) // _BAND_ROWS + 1):
-                member[cursor[b]] = i
-                cursor[b] += 1
-    return offset, member
-
-
-# The next three read one row of the conic table. They live beside their caller, not beside the table's maker, since
-# numba's cache watches the caller's file alone and would go on using what it inlined.
-
-
-@numba.njit(cache=True, inline="always")  # type: ignore[untyped-decorator]
-def _closest_approach(q: Float64Array, x: int, y: int) -> tuple[float, float, float]:
-    """t*, m2 and a of the ray of pixel (x, y)."""
-    dx, dy = x + 0.5 - q[0], y + 0.5 - q[1]
-    hd = q[4] * dx + q[5] * dy
-    a = q[3] + 2.0 * hd + q[6] * dx * dx + 2.0 * q[7] * dx * dy + q[8] * dy * dy
-    quad = q[9] * dx * dx + 2.0 * q[10] * dx * dy + q[11] * dy * dy
-    return q[2] * (q[3] + hd) / a, max(0.0, q[2] * q[2] * quad / a), a
-
-
-@numba.njit(cache=True, inline="always")  # type: ignore[untyped-decorator]
-def _is_hit(q: Float64Array, x: int, y: int, chi2: float, near: float) -> bool:
-    """Whether pixel (x, y) of the footprint is a hit: true by construction unless the ellipsoid reaches ``near``."""
-    if q[12] == 0.0:
-        return True
-    t, m2, _ = _closest_approach(q, x, y)
-    return bool(m2 <= chi2 and t > near)
-
-
-@numba.njit(cache=True, inline="always")  # type: ignore[untyped-decorator]
-def _scanline(q: Float64Array, chi2: float, y: int, x0: int, x1: int) -> tuple[int, int]:
-    """First and past-the-end pixel of the footprint on row ``y``, within [x0, x1)."""
-    if q[12] > 0.0:  # reaches `near`: no ellipse to go by
-        return x0, x1
-    dy = y + 0.5 - q[1]
-    tt = q[2] * q[2]
-    a = tt * q[9] - chi2 * q[6]
-    b = (tt * q[10] - chi2 * q[7]) * dy - chi2 * q[4]
-    c = (tt * q[11] - chi2 * q[8]) * dy * dy - 2.0 * chi2 * q[5] * dy - chi2 * q[3]
-    disc = b * b - a * c
-    if not disc >= 0.0:  # so that a NaN is no hit either
-        return 0, 0
-    root = np.sqrt(disc)
-    centre = q[0] - 0.5
-    low = max(centre + (-b - root) / a, float(x0))
-    high = min(centre + (-b + root) / a, float(x1 - 1))
-    if not high >= low:
-        return 0, 0
-    return int(np.ceil(low)), int(np.floor(high)) + 1
-
-
-@kernel()
-def _intersect(
-    conic: Float64Array,
-    box: NDArray[np.int32],
-    offset: NDArray[np.int64],
-    member: NDArray[np.int32],
+def _collect(
+    first: int,
+    end: int,
     size: tuple[int, int],
-    chi2: float,
-    near: float,
-) -> tuple[NDArray[np.int64], NDArray[np.int32], NDArray[np.int32], Float32Array, Float32Array, Float32Array]:
-    """Unsorted hits: counted in one sweep over the footprints, written in a second."""
-    width, height = size
-    bands = offset.shape[0] - 1
-    count = np.zeros(width * height, np.int32)
-    for band in numba.prange(bands):
-        for k in range(offset[band], offset[band + 1]):
-            i = member[k]
-            q = conic[i]
-            for y in range(max(box[i, 1], band * _BAND_ROWS), min(box[i, 3], (band + 1) * _BAND_ROWS)):
-                first, last = _scanline(q, chi2, y, box[i, 0], box[i, 2])
-                for x in range(first, last):
-                    if _is_hit(q, x, y, chi2, near):
-                        count[y * width + x] += 1
-    start = np.zeros(width * height, np.int64)
-    total = np.int64(0)
-    for r in range(width * height):
-        start[r] = total
-        total += count[r]
-    anchor = np.empty(total, np.int32)
-    t_hit, m2, precision = np.empty(total, np.float32), np.empty(total, np.float32), np.empty(total, np.float32)
-    for band in numba.prange(bands):
-        low = band * _BAND_ROWS * width
-        cursor = start[low : min(height, (band + 1) * _BAND_ROWS) * width].copy()
-        for k in range(offset[band], offset[band + 1]):
-            i = member[k]
-            q = conic[i]
-            for y in range(max(box[i, 1], band * _BAND_ROWS), min(box[i, 3], (band + 1) * _BAND_ROWS)):
-                first, last = _scanline(q, chi2, y, box[i, 0], box[i, 2])
-                for x in range(first, last):
-                    if _is_hit(q, x, y, chi2, near):
-                        row = cursor[y * width + x - low]
-                        cursor[y * width + x - low] = row + 1
-                        anchor[row] = i
-                        t_hit[row], m2[row], precision[row] = _closest_approach(q, x, y)
-    return start, count, anchor, t_hit, m2, precision
-
-
-@kernel()
-def _sort_rays(
+    where: Footprints,
+    limits: tuple[float, float],
+    most: int,
     start: NDArray[np.int64],
     count: NDArray[np.int32],
-    anchor: NDArray[np.int32],
-    t_hit: Float32Array,
-    m2: Float32Array,
-    precision: Float32Array,
-    max_hits: int,
-) -> int:
-    """Sort each ray's hits by (t_hit, anchor) in place, cap the count, return how many were cut off."""
-    overflow = 0
-    for r in numba.prange(start.shape[0]):
-        low, n = start[r], count[r]
-        for i in range(low + 1, low + n):
-            j, b, t, m, a = i - 1, anchor[i], t_hit[i], m2[i], precision[i]
-            while j >= low and (t_hit[j] > t or (t_hit[j] == t and anchor[j] > b)):
-                anchor[j + 1], t_hit[j + 1], m2[j + 1] = anchor[j], t_hit[j], m2[j]
-                precision[j + 1] = precision[j]
-                j -= 1
-            anchor[j + 1], t_hit[j + 1], m2[j + 1], precision[j + 1] = b, t, m, a
-        if n > max_hits:
-            overflow += n - max_hits
-            count[r] = max_hits
-    return overflow
+) -> tuple[int, _Columns]:
+    """Hits of some tiles one after another; sets ``start`` (from 0) and ``count`` of their rays."""
+    hits = new_tile_hits(hit_bound(first, end, where, size))
+    capacity = np.int64(1024)
+    anchor, values = np.empty(capacity, np.int32), np.empty((3, capacity), np.float32)
+    used, overflow = 0, 0
+    for tile in range(first, end):
+        x0, y0, x1, y1 = tile_box(tile, size)
+        overflow += collect_tile(tile, size, where, limits, most, hits)
+        n = hits.total[0]
+        if used + n > capacity:
+            capacity = 2 * (used + n)
+            more_anchor, more_values = np.empty(capacity, np.int32), np.empty((3, capacity), np.float32)
+            more_anchor[:used], more_values[:, :used] = anchor[:used], values[:, :used]
+            anchor, values = more_anchor, more_values
+        anchor[used : used + n] = hits.anchor[:n]
+        values[0, used : used + n] = hits.t[:n]
+        values[1, used : used + n] = hits.m2[:n]
+        values[2, used : used + n] = hits.a[:n]
+        for y in range(y0, y1):
+            for x in range(x0, x1):
+                r = (y - y0) * (x1 - x0) + x - x0
+                start[y * size[0] + x] = used + hits.start[r]
+                count[y * size[0] + x] = hits.count[r]
+        used += n
+    return overflow, (anchor[:used], values[0, :used], values[1, :used], values[2, :used])
+
+
+@numba.njit(cache=True, nogil=True)  # type: ignore[untyped-decorator]
+def _shift(first: int, end: int, size: tuple[int, int], start: NDArray[np.int64], base: int) -> None:
+    for tile in range(first, end):
+        x0, y0, x1, y1 = tile_box(tile, size)
+        start.reshape(size[1], size[0])[y0:y1, x0:x1] += base
 
 
 def select_brute_force(anchors: GaussianAnchors, camera: Camera, config: RenderConfig) -> HitList:

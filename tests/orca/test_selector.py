@@ -61,8 +61,11 @@ def _compare(anchors: GaussianAnchors, camera: Camera, config: RenderConfig) -> 
 
 
 def _assert_sorted(hits: HitList) -> None:
-    ray = np.repeat(np.arange(hits.num_rays), hits.count)
-    assert len(ray) == len(hits.anchor)  # nothing cut off, so the rows are the rays' hits one after another
+    """Every ray's rows are its own, by (t_hit, anchor); which ray's come first is left open."""
+    order = np.argsort(hits.start, kind="stable")
+    ray = np.repeat(np.arange(hits.num_rays), hits.count[order])
+    assert len(ray) == len(hits.anchor)  # nothing cut off
+    assert (hits.start[order] == np.cumsum(hits.count[order]) - hits.count[order]).all()
     order = np.lexsort((hits.anchor, hits.t_hit, ray))
     assert (order == np.arange(len(order))).all()
 

@@ -96,7 +96,7 @@ def test_the_linear_view_is_what_the_renderer_shows(render: RenderConfig) -> Non
     system = linear_view(renderer, Observation(side, np.arange(1600), np.zeros((1600, 3), np.float32)))
     logits = system.weights.times(anchors.features[:, :COLOUR_CHANNELS].numpy())
     np.testing.assert_allclose(
-        system.gather.times(1 / (1 + np.exp(-logits))), renderer.render(side).rgb.reshape(-1, 3), atol=2e-5
+        system.gather(1 / (1 + np.exp(-logits))), renderer.render(side).rgb.reshape(-1, 3), atol=2e-5
     )
 
 
@@ -108,7 +108,7 @@ def test_a_view_of_some_rays_is_those_rows_of_the_whole() -> None:
 
     def shown(rays: np.ndarray) -> np.ndarray:
         part = linear_view(renderer, Observation(observation.camera, rays, observation.colour[rays]))
-        return part.gather.times(part.weights.times(x))
+        return part.gather(part.weights.times(x))
 
     np.testing.assert_allclose(shown(chosen), shown(observation.rays)[chosen], atol=1e-6)
 

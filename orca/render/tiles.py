@@ -1,0 +1,238 @@
+"""Hits of one tile of an image, collected and sorted in cache: what selection and the fast frame both start from.
+
+A tile is small enough that its hit table stays in a core's own cache. Conics give each anchor's pixel interval on
+every scanline exactly (METHOD.md 5.1). Hits are found anchor by anchor, then dealt out to their rays and sorted there.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+from orca.conventions import Float32Array, Float64Array
+
+__all__ = ["TILE", "Footprints", "TileHits", "assign_tiles", "collect_tile", "hit_bound", "new_tile_hits", "tile_box"]
+
+TILE = 32  # side in pixels
+_FEW = 32  # hits of a ray up to which insertion beats a library sort
+
+
+class Footprints(NamedTuple):
+    """Where anchors project to in one view.
+
+    Attributes:
+        conic: [N, 13], see `orca.render.conics`.
+        box: pixel boxes, [N, 4].
+        offset, member: anchors of tile i are ``member[offset[i] : offset[i + 1]]``, ascending.
+    """
+
+    conic: Float64Array
+    box: NDArray[np.int32]
+    offset: NDArray[np.int64]
+    member: NDArray[np.int32]
+
+
+class TileHits(NamedTuple):
+    """Hits of one tile; those of ray r (row by row) are ``start[r] : start[r] + count[r]``, by (t, anchor).
+
+    Attributes:
+        start, count: [TILE * TILE].
+        total: how many entries there are, [1].
+        anchor, t, m2, a: one entry a hit, as in `orca.render.hits.HitList`.
+        found: the same as they were found: ray, anchor and (t, m2, a).
+    """
+
+    start: NDArray[np.int32]
+    count: NDArray[np.int32]
+    total: NDArray[np.int64]
+    anchor: NDArray[np.int32]
+    t: Float32Array
+    m2: Float32Array
+    a: Float32Array
+    found: tuple[NDArray[np.int32], NDArray[np.int32], Float32Array]
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")  # type: ignore[untyped-decorator]
+def assign_tiles(box: NDArray[np.int32], size: tuple[int, int]) -> tuple[NDArray[np.int64], NDArray[np.int32]]:
+    """Anchors whose pixel box meets each tile: offsets [tiles + 1] and anchor indices, ascending within a tile."""
+    columns, rows = (size[0] + TILE - 1) // TILE, (size[1] + TILE - 1) // TILE
+    offset = np.zeros(columns * rows + 1, np.int64)
+    for i in range(box.shape[0]):
+        if box[i, 2] > box[i, 0] and box[i, 3] > box[i, 1]:
+            for y in range(box[i, 1] // TILE, (box[i, 3] - 1) // TILE + 1):
+                for x in range(box[i, 0] // TILE, (box[i, 2] - 1) // TILE + 1):
+                    offset[y * columns + x + 1] += 1
+    for b in range(columns * rows):
+        offset[b + 1] += offset[b]
+    member = np.empty(offset[columns * rows], np.int32)
+    cursor = offset[:-1].copy()
+    for i in range(box.shape[0]):
+        if box[i, 2] > box[i, 0] and box[i, 3] > box[i, 1]:
+            for y in range(box[i, 1] // TILE, (box[i, 3] - 1) // TILE + 1):
+                for x in range(box[i, 0] // TILE, (box[i, 2] - 1) // TILE + 1):
+                    b = y * columns + x
+                    member[cursor[b]] = i
+                    cursor[b] += 1
+    return offset, member
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")  # type: ignore[untyped-decorator]
+def tile_box(tile: int, size: tuple[int, int]) -> tuple[int, int, int, int]:
+    """Pixel box (x0, y0, x1, y1) of a tile; tiles are numbered row by row."""
+    columns = (size[0] + TILE - 1) // TILE
+    x0, y0 = tile % columns * TILE, tile // columns * TILE
+    return x0, y0, min(size[0], x0 + TILE), min(size[1], y0 + TILE)
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")  # type: ignore[untyped-decorator]
+def hit_bound(first: int, end: int, where: Footprints, size: tuple[int, int]) -> int:
+    """No tile of ``first`` to ``end`` (excluded) has more hits than this: the pixels in its anchors' boxes."""
+    most = 0
+    for tile in range(first, end):
+        x0, y0, x1, y1 = tile_box(tile, size)
+        total = 0
+        for k in range(where.offset[tile], where.offset[tile + 1]):
+            i = where.member[k]
+            wide = min(where.box[i, 2], x1) - max(where.box[i, 0], x0)
+            total += wide * (min(where.box[i, 3], y1) - max(where.box[i, 1], y0))
+        most = max(most, total)
+    return most
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")  # type: ignore[untyped-decorator]
+def new_tile_hits(capacity: int) -> TileHits:
+    """Room for the hits of any one tile that has at most ``capacity``."""
+    n, rays = max(1, capacity), TILE * TILE
+    return TileHits(
+        np.empty(rays, np.int32),
+        np.empty(rays, np.int32),
+        np.zeros(1, np.int64),
+        np.empty(n, np.int32),
+        np.empty(n, np.float32),
+        np.empty(n, np.float32),
+        np.empty(n, np.float32),
+        (np.empty(n, np.int32), np.empty(n, np.int32), np.empty((n, 3), np.float32)),
+    )
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")  # type: ignore[untyped-decorator]
+def collect_tile(
+    tile: int, size: tuple[int, int], where: Footprints, limits: tuple[float, float], most: int, hits: TileHits
+) -> int:
+    """Fill ``hits`` with those of one tile, the ``most`` nearest of each ray; returns how many more there were.
+
+    ``limits`` are chi2 and near.
+    """
+    box = tile_box(tile, size)
+    rays = (box[2] - box[0]) * (box[3] - box[1])
+    hits.count[:rays] = 0
+    hits.total[0] = _find(tile, box, where, limits, hits.count, *hits.found)
+    _deal(hits.total[0], rays, hits)
+    _sort(rays, hits)
+    overflow = 0
+    for r in range(rays):
+        if hits.count[r] > most:
+            overflow += hits.count[r] - most
+            hits.count[r] = most
+    return overflow
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")  # type: ignore[untyped-decorator]
+def _find(
+    tile: int,
+    tile_pixels: tuple[int, int, int, int],
+    where: Footprints,
+    limits: tuple[float, float],
+    count: NDArray[np.int32],
+    ray: NDArray[np.int32],
+    anchor: NDArray[np.int32],
+    values: Float32Array,
+) -> int:
+    """Every hit, anchor by anchor, and how many each ray has; returns how many in all."""
+    x0, y0, x1, y1 = tile_pixels
+    chi2, near = limits
+    conic, box, n = where.conic, where.box, 0
+    for k in range(where.offset[tile], where.offset[tile + 1]):
+        i = where.member[k]
+        px, py, t0, a0, h0, h1 = conic[i, 0], conic[i, 1], conic[i, 2], conic[i, 3], conic[i, 4], conic[i, 5]
+        e00, e01, e11 = conic[i, 6], conic[i, 7], conic[i, 8]
+        g00, g01, g11 = conic[i, 9], conic[i, 10], conic[i, 11]
+        no_ellipse = conic[i, 12] > 0.0  # it reaches `near`: tested pixel by pixel
+        tt = t0 * t0
+        qa, qb, qc = tt * g00 - chi2 * e00, tt * g01 - chi2 * e01, tt * g11 - chi2 * e11
+        per_qa = 1.0 / qa if qa != 0.0 else 0.0
+        left, right = float(max(box[i, 0], x0)), float(min(box[i, 2], x1) - 1)
+        for y in range(max(box[i, 1], y0), min(box[i, 3], y1)):
+            dy = y + 0.5 - py
+            low, high = left, right
+            if not no_ellipse:
+                b = qb * dy - chi2 * h0
+                disc = b * b - qa * (qc * dy * dy - 2.0 * chi2 * h1 * dy - chi2 * a0)
+                if not disc >= 0.0:  # so that a NaN is no hit either
+                    continue
+                root = np.sqrt(disc)
+                low, high = max(px - 0.5 + (-b - root) * per_qa, left), min(px - 0.5 + (-b + root) * per_qa, right)
+                if not high >= low:
+                    continue
+            row = (y - y0) * (x1 - x0) - x0
+            for x in range(int(np.ceil(low)), int(np.floor(high)) + 1):
+                dx = x + 0.5 - px
+                hd = h0 * dx + h1 * dy
+                a = a0 + 2.0 * hd + e00 * dx * dx + 2.0 * e01 * dx * dy + e11 * dy * dy
+                scale = t0 / a
+                t, m2 = scale * (a0 + hd), scale * t0 * (g00 * dx * dx + 2.0 * g01 * dx * dy + g11 * dy * dy)
+                if no_ellipse and not (m2 <= chi2 and t > near):
+                    continue
+                ray[n], anchor[n] = row + x, i
+                values[n, 0], values[n, 1], values[n, 2] = t, max(0.0, m2), a
+                count[row + x] += 1
+                n += 1
+    return n
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")  # type: ignore[untyped-decorator]
+def _deal(total: int, rays: int, hits: TileHits) -> None:
+    """Each hit to its ray, in the order found: ascending anchors."""
+    ray, anchor, values = hits.found
+    start, at = hits.start, 0
+    for r in range(rays):
+        start[r] = at
+        at += hits.count[r]
+    for k in range(total):
+        to = start[ray[k]]
+        start[ray[k]] = to + 1
+        hits.anchor[to], hits.t[to], hits.m2[to], hits.a[to] = anchor[k], values[k, 0], values[k, 1], values[k, 2]
+    for r in range(rays):
+        start[r] -= hits.count[r]
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")  # type: ignore[untyped-decorator]
+def _sort(rays: int, hits: TileHits) -> None:
+    """Sort the hits of every ray by t; stable, so equal depths keep ascending anchors."""
+    anchor, t, m2, a = hits.anchor, hits.t, hits.m2, hits.a
+    for r in range(rays):
+        low, end = hits.start[r], hits.start[r] + hits.count[r]
+        if end - low > _FEW:
+            _sort_many(low, end, anchor, t, m2, a)
+            continue
+        for i in range(low + 1, end):
+            if t[i - 1] <= t[i]:
+                continue
+            j, of, depth, distance, precision = i, anchor[i], t[i], m2[i], a[i]
+            while j > low and t[j - 1] > depth:
+                anchor[j], t[j], m2[j], a[j] = anchor[j - 1], t[j - 1], m2[j - 1], a[j - 1]
+                j -= 1
+            anchor[j], t[j], m2[j], a[j] = of, depth, distance, precision
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")  # type: ignore[untyped-decorator]
+def _sort_many(
+    low: int, end: int, anchor: NDArray[np.int32], t: Float32Array, m2: Float32Array, a: Float32Array
+) -> None:
+    order = np.argsort(t[low:end], kind="mergesort")
+    for values in (t, m2, a):
+        values[low:end] = values[low:end][order]
+    anchor[low:end] = anchor[low:end][order]
