@@ -74,18 +74,25 @@ def full_plan(cases: Sequence[CaseName], threads: Sequence[int] = THREADS) -> tu
 def quick_plan(cases: Sequence[CaseName], threads: int = THREADS[-1]) -> tuple[Setting, ...]:
     """Under a minute: each case at 65k anchors and 512 pixels, and what the two exponents of a frame need.
 
-    Peak memory is measured once a case: a process of its own takes seconds to start.
+    The reference takes four seconds for a per-hit frame of 512 pixels, so it is compared at 256. A fit and a
+    repair are timed once. Peak memory is left to the full plan: every process of its own takes seconds to start.
     """
-    few = Patience(warmup=1, repeats=3, least=2, seconds=6.0)
-    settings = []
-    for case in cases:
-        backends = BACKENDS[case]
-        settings.append(Setting(case, "layered", ANCHORS[0], BASE_WIDTH, threads, backends, few, ("fast",)))
-        if case == "frame":
-            settings.append(Setting(case, "per-hit", ANCHORS[0], BASE_WIDTH, threads, backends, few, ()))
-            for anchors, width in ((ANCHORS[0], 256), (ANCHORS[0], 1024), (ANCHORS[1], BASE_WIDTH)):
-                settings.append(Setting(case, "layered", anchors, width, threads, ("fast",), few, ()))
-    return tuple(settings)
+    few, once = Patience(1, 3, 2, seconds=3.0), Patience(0, 1, 1, seconds=0.0)
+    small, base = ANCHORS[0], BASE_WIDTH
+    settings = {
+        "frame": [
+            Setting("frame", "layered", small, base, threads, BOTH, few, ()),
+            Setting("frame", "layered", small, 256, threads, ("fast",), few, ()),
+            Setting("frame", "layered", small, 1024, threads, ("fast",), few, ()),
+            Setting("frame", "layered", ANCHORS[1], base, threads, ("fast",), few, ()),
+            Setting("frame", "per-hit", small, base, threads, ("fast",), few, ()),
+            Setting("frame", "per-hit", small, 256, threads, BOTH, few, ()),
+        ],
+        "fit": [Setting("fit", "layered", small, base, threads, BACKENDS["fit"], once, ())],
+        "step": [Setting("step", "layered", small, base, threads, BOTH, few, ())],
+        "stage3": [Setting("stage3", "layered", small, base, threads, BACKENDS["stage3"], once, ())],
+    }
+    return tuple(setting for case in cases for setting in settings[case])
 
 
 def _patience(case: CaseName) -> Patience:
