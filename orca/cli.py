@@ -17,11 +17,19 @@ from orca.errors import OrcaError
 __all__ = ["build_parser", "main"]
 
 _DEPTH_HELP = """depth of the image, one of:
+  auto                                          the default: a depth file beside the image (its stem with .depth.png,
+                                                .depth.npy, _depth.png or _depth.npy), else Depth Pro, else Depth
+                                                Anything V2 Small, else heuristic; auto:N.onnx?... tries a network
+                                                of yours before the heuristic
+  depth-pro, depth-anything                     that network; weights from --weights-dir, or downloaded once
   file:D.png?unit=0.0001&meaning=depth          PNG or NPY; meaning: depth, inverse_depth or disparity
   onnx:N.onnx?size=384&range=255&meaning=inverse_depth    any single-input network
   heuristic                                     no network: a guess
-  constant                                      a flat picture
-Default: IMAGE's stem with .depth.png, .depth.npy, _depth.png or _depth.npy beside it, else heuristic."""
+  constant                                      a flat picture"""
+
+# Names are said here again because the registries import much; a test compares.
+OUTPAINTERS = ("auto", "none", "sd15", "classical", "mirror", "edge")
+INPAINTERS = ("auto", "none", "sd15", "classical", "telea", "navier-stokes", "nearest")
 
 
 def build_parser() -> argparse.ArgumentParser:
@@ -58,9 +66,18 @@ def _add_reconstruct(verbs: argparse._SubParsersAction[argparse.ArgumentParser])
     verb.add_argument(
         "--lifting", choices=("metric", "relative"), help="how depth becomes geometry (default: preset's)"
     )
-    verb.add_argument("--outpaint", choices=("mirror", "edge", "none"), help="beyond the frame (default: the preset's)")
+    _add_priors(verb)
     verb.add_argument("--seed", type=int, default=0, help="of every random draw (default: 0)")
     _add_path(verb, "spiral")
+
+
+def _add_priors(verb: argparse.ArgumentParser) -> None:
+    text = "beyond the frame; auto: Stable Diffusion if its weights are here,\nelse mirror (default: the preset's)"
+    verb.add_argument("--outpainter", "--outpaint", choices=OUTPAINTERS, help=text)
+    verb.add_argument("--inpainter", choices=INPAINTERS, help="who completes large holes (default: the preset's, auto)")
+    text = "folder of weights, one folder per model (DIR/OWNER/NAME);\nnothing is downloaded then"
+    verb.add_argument("--weights-dir", metavar="DIR", type=Path, help=text)
+    verb.add_argument("--local-files-only", action="store_true", help="never download; the hub's cache still counts")
 
 
 def _add_render(verbs: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:

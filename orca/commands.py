@@ -18,7 +18,9 @@ from orca.conventions import Float32Array, to_float
 from orca.errors import BadInput, Unavailable
 from orca.images import load_image
 from orca.placement import FieldOfView, choose_field_of_view, path_in_scene_radii
-from orca.priors.depth import DepthEstimate, parse_depth_spec
+from orca.priors.choose import Priors
+from orca.priors.depth import DepthEstimate, DepthProvider, parse_depth_spec
+from orca.priors.hub import ModelAccess
 from orca.progress import PhaseBars
 from orca.scene import Scene
 
@@ -40,14 +42,25 @@ def reconstruct(arguments: argparse.Namespace) -> Answer:
     image = to_float(load_image(arguments.image))
     folder = output_folder(arguments.out)
     started = time.perf_counter()
-    depth, view, camera = _geometry(arguments, image)
+    access = ModelAccess(arguments.weights_dir, arguments.local_files_only, arguments.device)
+    priors, provider = Priors.of(config, access, arguments.seed), _depth_provider(arguments, access)
+    depth, view, camera = _geometry(arguments, image, provider)
+    priors = priors.using(provider)
     seconds = {"depth": time.perf_counter() - started}
     radius = scene_radius(depth.depth, camera)
     cameras = path_in_scene_radii(arguments.trajectory, arguments.frames, camera, radius)
     in_radii = replace(depth, depth=depth.depth / np.float32(radius))
     with PhaseBars() as bars:
         result = run_pipeline(
-            image, camera, in_radii, cameras, config, seed=arguments.seed, device=arguments.device, progress=bars
+            image,
+            camera,
+            in_radii,
+            cameras,
+            config,
+            priors=priors,
+            seed=arguments.seed,
+            device=arguments.device,
+            progress=bars,
         )
         facts = _facts(arguments, depth, view, radius)
         scene = replace(result.scene, provenance={**result.scene.provenance, **facts})
@@ -116,28 +129,39 @@ def _config(arguments: argparse.Namespace) -> ReconstructConfig:
     config = get_preset(arguments.preset)
     if arguments.lifting is not None:
         config = config.with_lifting(arguments.lifting)
-    if arguments.outpaint is not None:
-        config = replace(config, canvas=replace(config.canvas, outpainter=arguments.outpaint))
+    if arguments.outpainter is not None:
+        config = replace(config, canvas=replace(config.canvas, outpainter=arguments.outpainter))
+    if arguments.inpainter is not None:
+        config = replace(config, repair=replace(config.repair, inpainter=arguments.inpainter))
     return config
 
 
-def _geometry(arguments: argparse.Namespace, image: Float32Array) -> tuple[DepthEstimate, FieldOfView, Camera]:
+def _depth_provider(arguments: argparse.Namespace, access: ModelAccess) -> DepthProvider:
+    """The provider asked for; ``auto``, which is the default, takes a depth file beside the image first."""
+    spec = arguments.depth or "auto"
+    if spec.partition(":")[0].partition("?")[0] == "auto":
+        spec = _depth_beside(arguments.image) or spec
+    return parse_depth_spec(spec, access)
+
+
+def _geometry(
+    arguments: argparse.Namespace, image: Float32Array, provider: DepthProvider
+) -> tuple[DepthEstimate, FieldOfView, Camera]:
     """Depth of the image, its field of view and its camera."""
     height, width = image.shape[:2]
     guess = choose_field_of_view(arguments.hfov, None, arguments.trajectory)
-    provider = parse_depth_spec(arguments.depth or _depth_beside(arguments.image))
     depth = provider.estimate(image, Camera.from_fov(width, height, guess.degrees))
     view = choose_field_of_view(arguments.hfov, depth.hfov_deg, arguments.trajectory)
     return depth, view, Camera.from_fov(width, height, view.degrees)
 
 
-def _depth_beside(image: Path) -> str:
-    """The depth file that belongs to an image by its name, or the heuristic."""
+def _depth_beside(image: Path) -> str | None:
+    """The depth file that belongs to an image by its name, if there is one."""
     for suffix in _DEPTH_SUFFIXES:
         candidate = image.with_name(image.stem + suffix)
         if candidate.is_file():
             return f"file:{candidate}"
-    return "heuristic"
+    return None
 
 
 def _facts(arguments: argparse.Namespace, depth: DepthEstimate, view: FieldOfView, radius: float) -> dict[str, object]:
@@ -177,6 +201,7 @@ def _reconstruct_answer(
         "seconds     " + ", ".join(f"{stage} {value:.1f}" for stage, value in seconds.items()),
         f"depth       {depth.source}" + ("" if depth.is_metric else ", not metric"),
         *(f"note        {note}" for note in depth.notes),
+        "priors      " + ", ".join(f"{record['priors'][key]} ({key})" for key in ("outpainter", "inpainter", "depth")),
         f"field of view {scene.camera.hfov_deg:.1f} degrees ({scene.provenance['hfov_source']})",
         *(f"wrote       {folder / name}" for name in files),
     ]

@@ -46,9 +46,9 @@ class AutoDepth:
         return cls(network, spec.access)
 
     @property
-    def estimates(self) -> bool:
-        """Whether the depth comes from a network; None of them has run before the first image."""
-        return self._chosen is not None and self._chosen.name != "heuristic"
+    def chosen(self) -> DepthProvider | None:
+        """Who answered; None before the first image."""
+        return self._chosen
 
     def estimate(self, image: Float32Array, camera: Camera) -> DepthEstimate:
         """See `DepthProvider`; the notes say which candidates did not run and why."""

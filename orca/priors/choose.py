@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 from orca.errors import Unavailable
+from orca.priors.auto import AutoDepth
 from orca.priors.depth import DepthProvider
 from orca.priors.diffusion import DiffusionInpainter
 from orca.priors.diffusion_config import DiffusionConfig
@@ -32,7 +33,7 @@ INPAINTER_CHOICES = ("auto", "none", *INPAINTERS)
 OUTPAINTER_CHOICES = ("auto", "none", *OUTPAINTERS)
 
 # Providers whose depth of a new picture means something: not a file, which belongs to another picture, nor a guess.
-_ESTIMATORS = ("auto", "depth-pro", "depth-anything", "onnx")
+_ESTIMATORS = ("depth-pro", "depth-anything", "onnx")
 
 
 @dataclass(frozen=True)
@@ -52,16 +53,13 @@ class Priors:
     notes: tuple[str, ...] = ()
 
     @classmethod
-    def of(
-        cls, config: ReconstructConfig, access: ModelAccess, seed: int = 0, depth: DepthProvider | None = None
-    ) -> Priors:
-        """The priors that a configuration names.
+    def of(cls, config: ReconstructConfig, access: ModelAccess, seed: int = 0) -> Priors:
+        """The priors that a configuration names, and a depth estimator if one is on this machine.
 
         Args:
             config: names and constants.
             access: how learned priors get at their weights.
             seed: of what they draw.
-            depth: the provider of the input's depth, used again where it can look at a new picture.
 
         Raises:
             Unknown: no such prior.
@@ -69,9 +67,15 @@ class Priors:
         """
         outpainter, outpainter_note = choose_outpainter(config.canvas.outpainter, access, config.diffusion, seed)
         inpainter, inpainter_note = choose_inpainter(config.repair.inpainter, access, config.diffusion, seed)
-        estimator, depth_note = choose_depth_estimator(access, depth)
+        estimator, depth_note = choose_depth_estimator(access)
         notes = (outpainter_note, inpainter_note, depth_note)
         return cls(outpainter, inpainter, estimator, tuple(dict.fromkeys(note for note in notes if note)))
+
+    def using(self, provider: DepthProvider) -> Priors:
+        """The same with the provider of the input's depth, where that can look at a new picture."""
+        if isinstance(provider, AutoDepth) and provider.chosen is not None:
+            provider = provider.chosen
+        return replace(self, depth=provider) if provider.name in _ESTIMATORS else self
 
     def to_json(self) -> dict[str, Any]:
         """Names and notes, for the record."""
@@ -119,13 +123,8 @@ def choose_outpainter(
     return OUTPAINTERS.get(name)(), note
 
 
-def choose_depth_estimator(access: ModelAccess, given: DepthProvider | None = None) -> tuple[DepthProvider | None, str]:
-    """Who estimates the depth of what was in- or outpainted: ``given`` if it can, else what is on this machine.
-
-    A guess, a constant and a file cannot. Nothing is downloaded for this.
-    """
-    if given is not None and given.name in _ESTIMATORS and getattr(given, "estimates", True):
-        return given, ""
+def choose_depth_estimator(access: ModelAccess) -> tuple[DepthProvider | None, str]:
+    """Who estimates the depth of what was in- or outpainted: a network on this machine; nothing is downloaded."""
     reasons = []
     for model, provider in ((DEPTH_PRO, DepthProDepth), (DEPTH_ANYTHING_V2_SMALL, DepthAnythingDepth)):
         try:

@@ -126,7 +126,6 @@ def _load(access: ModelAccess) -> Any:
     try:
         pipeline = StableDiffusionInpaintPipeline.from_pretrained(
             folder,
-            torch_dtype=torch.float16 if access.device == "cuda" else torch.float32,
             use_safetensors=True,
             local_files_only=True,
             # The repository's checker is no part of the method; it would also turn a picture it dislikes black.
@@ -142,4 +141,4 @@ def _load(access: ModelAccess) -> Any:
             "get them again",
         ) from error
     pipeline.set_progress_bar_config(disable=True)
-    return pipeline.to(access.device)
+    return pipeline.to(access.device, torch.float16 if access.device == "cuda" else torch.float32)

@@ -12,7 +12,7 @@ import numpy as np
 from orca.camera import Camera
 from orca.conventions import Float32Array
 from orca.errors import BadInput, Unavailable
-from orca.priors.depth import FAR_RATIO, DepthEstimate, inverse_to_depth
+from orca.priors.depth import FAR_RATIO, DepthEstimate, clip_outliers, inverse_to_depth
 from orca.priors.spec import PriorSpec
 
 __all__ = ["OnnxDepth"]
@@ -79,7 +79,7 @@ class OnnxDepth:
         metric = self.meaning == "depth" if self.metric is None else self.metric
         notes: tuple[str, ...] = ()
         if self.meaning == "inverse_depth":
-            depth = inverse_to_depth(np.maximum(resized, 0.0), self.far)
+            depth = inverse_to_depth(clip_outliers(np.maximum(resized, 0.0)), self.far)
             notes = (f"relative inverse depth; farther than {self.far:g} times the median depth is set to that",)
         else:
             depth = np.asarray(resized, np.float32)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -17,10 +18,14 @@ from orca.config import ReconstructConfig
 from orca.pipeline import Reconstruction, reconstruct
 from orca.priors.choose import Priors
 from orca.priors.depth import DepthEstimate
+from orca.priors.diffusion import DiffusionInpainter
+from orca.priors.diffusion_config import DiffusionConfig
 from orca.priors.exemplar import ExemplarInpainter
+from orca.priors.hub import ModelAccess
 from orca.repair.ledger import Ledger
 from tests.orca.repair_scenes import FAR, SIZE, estimate, input_camera, picture, sideways, small_config
 from tests.orca.test_generative import DEPTHERS, PAINTERS, Painter, orange
+from tests.orca.tiny_models import write_stable_diffusion
 
 CAMERAS = sideways(0.12)
 
@@ -182,3 +187,15 @@ def test_the_classical_inpainter_under_the_same_protocol() -> None:
     assert torch.equal(again.scene.anchors.means, result.scene.anchors.means)
     assert torch.equal(again.scene.anchors.features, result.scene.anchors.features)
     assert int((result.scene.anchors.stage == int(Stage.REPAIRED)).sum()) > 50
+
+
+@pytest.mark.slow
+def test_the_real_pipeline_completes_a_hole(tmp_path: Path) -> None:
+    """Stable Diffusion's own classes, tiny, from a weights folder into the scene's anchors."""
+    write_stable_diffusion(tmp_path)
+    inpainter = DiffusionInpainter(ModelAccess(tmp_path), DiffusionConfig(steps=2, side=64))
+    made = rows(finished(Priors(inpainter=inpainter)), "generative")
+    assert made
+    assert made[0]["scheme"] == "generative:sd15+continued"
+    assert made[0]["anchors_added"] > 50
+    assert made[0]["coverage_after"] > 0.9

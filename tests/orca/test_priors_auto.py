@@ -100,17 +100,24 @@ def test_wrong_options_are_said_before_anything_is_tried() -> None:
 def test_whoever_guessed_estimates_no_depth_of_a_completed_crop(answers: dict[str, Any], tmp_path: Path) -> None:
     provider = parse_depth_spec("auto", ModelAccess(tmp_path))
     assert isinstance(provider, AutoDepth)
+    assert Priors().using(provider).depth is None  # it has not run yet
     provider.estimate(IMAGE, CAMERA)
-    assert choose_depth_estimator(ModelAccess(tmp_path), provider)[0] is None
+    assert Priors().using(provider).depth is None
     answers["depth-pro"] = 2.0
-    good = parse_depth_spec("auto")
+    good = parse_depth_spec("auto", ModelAccess(tmp_path))
     good.estimate(IMAGE, CAMERA)
-    assert choose_depth_estimator(ModelAccess(tmp_path), good) == (good, "")
+    assert isinstance(Priors().using(good).depth, DepthProDepth)
 
 
 @pytest.mark.parametrize("spec", ["file:d.npy", "heuristic", "constant"])
 def test_files_and_guesses_estimate_nothing_new(spec: str, tmp_path: Path) -> None:
-    estimator, note = choose_depth_estimator(ModelAccess(tmp_path), parse_depth_spec(spec))
+    assert Priors().using(parse_depth_spec(spec)).depth is None
+    known = DepthProDepth()
+    assert Priors(depth=known).using(parse_depth_spec(spec)).depth is known
+
+
+def test_without_a_network_the_note_says_which_were_looked_for(tmp_path: Path) -> None:
+    estimator, note = choose_depth_estimator(ModelAccess(tmp_path))
     assert estimator is None
     assert "Depth Pro" in note
     assert "Depth Anything V2 Small" in note

@@ -18,6 +18,8 @@ from orca.priors.hub import SD15_INPAINTING, ModelAccess
 from orca.priors.inpaint import InpaintFailed
 from tests.orca.tiny_models import write_stable_diffusion
 
+pytestmark = pytest.mark.slow  # importing the models' libraries takes longer than the tests
+
 FAST = DiffusionConfig(steps=3, side=64)
 
 

@@ -18,6 +18,8 @@ from orca.priors.hub import DEPTH_ANYTHING_V2_SMALL, DEPTH_PRO, ModelAccess
 from orca.priors.learned import DepthAnythingDepth, DepthProDepth
 from tests.orca.tiny_models import write_depth_anything, write_depth_pro
 
+pytestmark = pytest.mark.slow  # importing the models' libraries takes longer than the tests
+
 H, W = 40, 60
 CAMERA = Camera.from_fov(W, H, 57)
 
