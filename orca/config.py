@@ -152,8 +152,8 @@ class PlanarConfig:
     density: float = 15.0
     initialisation: Literal["closed_form", "random"] = "closed_form"
     colour_clip: float = 2e-3
-    gauss_newton_steps: int = 4
-    cg_steps: int = 10
+    gauss_newton_steps: int = 3
+    cg_steps: int = 6
     max_iterations: int = 0
     freeze_geometry: bool = True
     use_direction: bool = False

@@ -19,7 +19,7 @@ __all__ = ["LinearView", "linear_view"]
 
 @dataclass(frozen=True, eq=False)
 class LinearView:
-    """One observation as a linear system.
+    """Observations as a linear system.
 
     Attributes:
         weights: w, samples x anchors.
@@ -42,20 +42,35 @@ class LinearView:
         return np.asarray(_scatter(self.start, self.share, rays), np.float32)
 
 
-def linear_view(renderer: Renderer, observation: Observation) -> LinearView:
-    """Build the system of one observation from the hits of its rays."""
+def linear_view(renderer: Renderer, *observed: Observation) -> LinearView:
+    """The system of one observation, or of several stacked, from the hits of their rays."""
+    parts = [_rows(renderer, o) for o in observed]
+    samples, entries = np.zeros(1, np.int64), np.zeros(1, np.int64)
+    for start, indptr, _, _, _ in parts:
+        samples = np.concatenate([samples, start[1:] + samples[-1]])
+        entries = np.concatenate([entries, indptr[1:] + entries[-1]])
+    column, weight, opacity = (np.concatenate([p[i] for p in parts]) for i in (2, 3, 4))
+    weights = SparseMatrix.build(entries, column, weight, len(renderer.means))
+    sigma = renderer.matrices.sigma(weights.times(renderer.carried))
+    target = np.concatenate([o.colour for o in observed])
+    return LinearView(weights, samples, _shares(samples, sigma, opacity), target)
+
+
+_Rows = tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int32], Float32Array, Float32Array]
+
+
+def _rows(renderer: Renderer, observation: Observation) -> _Rows:
+    """Sample offsets of each ray, then weights as CSR, then a^ of each sample."""
     hits, config = renderer.hits(observation.camera), renderer.config
     start, count = hits.start[observation.rays], hits.count[observation.rays]
     gaps = (config.layer_gap_sigmas, config.layer_gap_relative)
     layered, window = config.decode == "layered", config.window
     values = (hits.t_hit, hits.m2, hits.precision)
     sample_start, entry_start = _count(start, count, hits.t_hit, hits.precision, gaps, layered, window)
-    indptr, column, weight, opacity = _fill(
+    filled = _fill(
         start, count, hits.anchor, values, renderer.opacity, gaps, layered, window, sample_start, entry_start
     )
-    weights = SparseMatrix.build(indptr, column, weight, len(renderer.means))
-    sigma = renderer.matrices.sigma(weights.times(renderer.carried))
-    return LinearView(weights, sample_start, _shares(sample_start, sigma, opacity), observation.colour)
+    return (sample_start, *filled)
 
 
 @numba.njit(cache=True, inline="always")  # type: ignore[untyped-decorator]

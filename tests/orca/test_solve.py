@@ -23,7 +23,8 @@ from orca.stages.canvas import Canvas
 from orca.stages.deform import deform
 from orca.stages.observations import Observation, observations
 from orca.stages.planar import place, planar_anchors
-from orca.stages.solve import linear_view, solve_colours
+from orca.stages.linear import linear_view
+from orca.stages.solve import solve_colours
 from tests.orca.stage_inputs import bare_canvas, picture, psnr, view
 
 GRID = PlanarConfig(placement=PlacementConfig(kind="grid"))
