@@ -79,7 +79,7 @@ def add_verify(parser: argparse.ArgumentParser) -> None:
 def add_speed(parser: argparse.ArgumentParser) -> None:
     parser.description = "Time renderer and trainer, fast against reference in one process, on an embedded photograph."
     names: dict[str, Any] = {"action": "append", "metavar": "A,B"}
-    parser.add_argument("--cases", **names, help="frame, fit, step, stage3 (these), init (charts two initialisations)")
+    parser.add_argument("--cases", **names, help="frame, fit, step, stage3 (these), init, musiq, clipiqa")
     parser.add_argument("--quick", action="store_true", help="under a minute, without peak memory (else half an hour)")
     parser.add_argument("--out", type=Path, metavar="DIR", help="write tables, rows and the chart there too")
     chart = parser.add_argument_group("the case init")

@@ -39,6 +39,8 @@ METRIC_DESCRIPTIONS = {
     "niqe": "NIQE, no reference; needs the prior in --weights-dir",
     "musiq": "MUSIQ, no reference; needs weights",
     "clipiqa": "CLIP-IQA, no reference; needs weights",
+    "clipiqa_openclip": "CLIP-IQA by open_clip, without pyiqa, the same prompts; needs weights; on request",
+    "clipiqa_photo": "CLIP-IQA with the one pair 'Good photo.', 'Bad photo.'; needs weights; on request",
     "llava_noise_free": "LLaVA-IQA: share of frames free of noise or distortion",
     "llava_edge": "LLaVA-IQA: share of frames with clear objects and sharp edges",
     "llava_structure": "LLaVA-IQA: share of frames with a coherent layout",

@@ -29,6 +29,7 @@ from orca.errors import BadInput
 __all__ = ["speed_command"]
 
 _CHART = "init"
+_LEARNED = ("musiq", "clipiqa")
 
 
 def speed_command(args: argparse.Namespace) -> Outcome:
@@ -38,8 +39,8 @@ def speed_command(args: argparse.Namespace) -> Outcome:
         Unknown: no such case, data set or scene.
         BadInput: no or negative iterations.
     """
-    names = chosen("case", args.cases, (*CASES, _CHART), CASES)
-    cases = cast(tuple[CaseName, ...], tuple(name for name in names if name != _CHART))
+    names = chosen("case", args.cases, (*CASES, _CHART, *_LEARNED), CASES)
+    cases = cast(tuple[CaseName, ...], tuple(name for name in names if name in CASES))
     scenes = _scenes(args) if _CHART in names else []
     load = _load()
     document: dict[str, Any] = {"schema_version": 1}
@@ -48,6 +49,8 @@ def speed_command(args: argparse.Namespace) -> Outcome:
         _grid(_plan(cases, args.quick), args.out, document, lines)
     if scenes:
         _chart(scenes, args, document, lines)
+    for case in (name for name in names if name in _LEARNED):
+        _learned(case, args.quick, document, lines)
     document["machine"] = host_facts() | {"load": {"before": load, "after": _load()} if load is not None else None}
     lines.append(machine_line(document["machine"]))
     if args.out is not None:
@@ -68,6 +71,15 @@ def _grid(plan: Sequence[Setting], out: Path | None, document: dict[str, Any], l
     lines += [table.to_text(), *findings]
     if out is not None:
         _write(out / "speed.md", table.to_markdown() + "\n" + "".join(f"- {line}\n" for line in findings))
+
+
+def _learned(case: str, quick: bool, document: dict[str, Any], lines: list[str]) -> None:
+    """Time a learned metric against pyiqa: 50 frames, or 10."""
+    from bench.metrics.learned_speed import measure_learned_speed
+
+    for speed in measure_learned_speed(case, frames=10 if quick else 50, threads=min(2, available_threads())):
+        document.setdefault("learned_metrics", []).append(speed.to_json())
+        lines.append(speed.line())
 
 
 def _chart(scenes: Sequence[SceneCase], args: argparse.Namespace, document: dict[str, Any], lines: list[str]) -> None:

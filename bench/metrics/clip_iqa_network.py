@@ -19,7 +19,7 @@ from bench.metrics.clip_prompts import PROMPT_PAIRS
 from orca.conventions import Float32Array, UInt8Array
 from orca.errors import BadInput
 
-__all__ = ["ClipPairs", "open_clip_pairs", "pyiqa_pairs", "read_clip_state"]
+__all__ = ["MEAN", "STD", "ClipPairs", "open_clip_pairs", "pyiqa_pairs", "read_clip_state"]
 
 # Mean and standard deviation of the images that OpenAI trained CLIP on.
 MEAN, STD = (0.48145466, 0.4578275, 0.40821073), (0.26862954, 0.26130258, 0.27577711)
