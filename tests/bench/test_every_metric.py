@@ -9,6 +9,9 @@ from __future__ import annotations
 import ast
 import json
 import math
+import os
+import subprocess
+import sys
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cache
@@ -278,3 +281,41 @@ def test_impossible_output_is_a_typed_error_or_a_reason(family: str, what: str) 
     except OrcaError:
         return
     check(scores, metric.specs(None))
+
+
+SCORE_ALL = """
+import json, numpy as np
+from bench.record import jsonable
+from orca.errors import Unavailable
+from tests.bench.test_every_metric import FAMILIES, MetricInput, MethodOutput, case_of, good_output, replace
+from tests.bench.tsed_scenes import texture
+image = texture()[100:260, 150:310]
+frames = np.stack([np.roll(image, 2 * k, axis=1) for k in range(3)])
+found = {}
+for name in sorted(FAMILIES):
+    try:
+        given = replace(good_output(height=160, width=160), frames=frames)
+        scores = FAMILIES[name]().compute(MetricInput(case_of(image), given))
+    except Unavailable:
+        continue
+    found[name] = {key: jsonable([s.value, s.n, s.reason, s.per_frame, s.detail]) for key, s in scores.items()}
+print(json.dumps(found))
+"""
+
+
+@pytest.mark.slow
+def test_two_processes_score_alike() -> None:
+    """Other hash seeds and other numbers of threads: the same bytes of JSON, the order of the keys included."""
+    root = HERE.parents[1]
+    answers = []
+    for seed, threads in (("1", "1"), ("4242", "2")):
+        env = {**os.environ, "PYTHONHASHSEED": seed, "PYTHONPATH": str(root)}
+        env |= {"OMP_NUM_THREADS": threads, "OPENBLAS_NUM_THREADS": threads}
+        done = subprocess.run([sys.executable, "-c", SCORE_ALL], env=env, capture_output=True, text=True, check=False)
+        assert done.returncode == 0, done.stderr[-2000:]
+        answers.append(done.stdout.splitlines()[-1])
+    assert answers[0] == answers[1]
+    scores = json.loads(answers[0])
+    assert {"Tsed", "Flicker", "TrueViewScores", "VisiblePsnr"} <= set(scores)
+    assert scores["Tsed"]["tsed"][0] is not None
+    assert scores["EpipolarSelfConsistency"]["epipolar_self_consistency"][0] == 1.0
