@@ -66,7 +66,7 @@ class RenderConfig:
     decode: Literal["layered", "per_hit"] = "layered"
     window: int = -1
     layer_gap_sigmas: float = 2.0
-    layer_gap_relative: float = 0.02
+    layer_gap_relative: float = 0.05
     background: float = 0.0
 
 
@@ -173,8 +173,9 @@ class DeformConfig:
             floats between foreground and background (O).
         edge_ratio: two depths further apart than this ratio, within the window, are two surfaces (O).
         edge_density: sigma of anchors on the near side of depth edges: a dense rim would hide the background (O).
-        edge_extent: anchors on the near side of depth edges that reach across are this much smaller: what reaches
-            across covers what lies behind (O).
+        rim_ratio, rim_extent: an anchor that reaches over pixels deeper by this ratio is shrunk until it does not,
+            to no less than this share; the ratio is that of two layers, so nothing covers what it is not one
+            surface with (O).
         follow_slope: tilt and stretch each Gaussian with the surface it lies on (O).
         max_slope: largest relative depth change per unit of image tangent that is still one surface (O).
         max_iterations: fine-tuning steps at most (P: 20,000).
@@ -190,7 +191,8 @@ class DeformConfig:
     sharpen_depth: bool = True
     edge_ratio: float = 1.12
     edge_density: float = 10.0
-    edge_extent: float = 0.6
+    rim_ratio: float = 1.05
+    rim_extent: float = 0.5
     follow_slope: bool = True
     max_slope: float = 4.0
     max_iterations: int = 0

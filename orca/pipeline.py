@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
@@ -26,9 +27,10 @@ from orca.repair.insert import InsertConfig
 from orca.repair.loop import repair
 from orca.scene import Scene
 from orca.stages.canvas import Canvas, make_canvas
-from orca.stages.deform import deform, near_depth_edge, on_near_side, sample_depth, trim_rims
+from orca.stages.deform import cleaned_depth, deform, near_depth_edge, on_near_side, sample_depth
 from orca.stages.observations import Observation, observations
 from orca.stages.planar import PlanarGrid, place, planar_anchors, rest_positions
+from orca.stages.rims import shrink_rims
 from orca.stages.solve import solve_colours
 from orca.stages.train import TrainPlan, train
 
@@ -235,9 +237,11 @@ def _soften_edges(
 
     The far side keeps its density: what a repair later puts behind it must not shine through in the input view.
     """
-    soft = near_depth_edge(canvas.depth, grid.pixels, 2 * grid.spacing, config.deform.edge_ratio)
-    soft &= on_near_side(canvas.depth, grid.pixels)
-    anchors = trim_rims(anchors, canvas.depth, grid.pixels, grid.spacing, config.deform)
+    depth = cleaned_depth(canvas.depth, config.deform)
+    soft = near_depth_edge(depth, grid.pixels, 2 * grid.spacing, config.deform.edge_ratio)
+    soft &= on_near_side(depth, grid.pixels)
+    reach = math.sqrt(config.render.chi2) * config.planar.kappa * grid.spacing
+    anchors = shrink_rims(anchors, grid.pixels, reach, depth, config.deform.rim_ratio, config.deform.rim_extent)
     features = anchors.features.clone()
     features[torch.from_numpy(soft), DENSITY_CHANNEL] = density_feature(
         config.deform.edge_density, config.planar.density

@@ -23,19 +23,16 @@ from orca.conventions import Float32Array, Float64Array
 from orca.errors import BadInput
 
 __all__ = [
+    "cleaned_depth",
     "RelativeTarget",
     "deform",
     "denoise_depth",
     "metric_target",
     "near_depth_edge",
-    "near_rims",
     "on_near_side",
     "sample_depth",
     "sharpen_depth",
-    "trim_rims",
 ]
-
-_FOOTPRINT = 1.25  # radius of an anchor's footprint over its spacing: kappa sqrt(chi2) at their defaults
 
 
 def deform(anchors: GaussianAnchors, depth: Float32Array, camera: Camera, config: DeformConfig) -> GaussianAnchors:
@@ -60,10 +57,7 @@ def deform(anchors: GaussianAnchors, depth: Float32Array, camera: Camera, config
             "finite z-depth > 0 everywhere",
             "repair the depth map or choose another provider",
         )
-    if config.denoise_depth:
-        depth = denoise_depth(depth)
-    if config.sharpen_depth:
-        depth = sharpen_depth(depth, config.edge_ratio)
+    depth = cleaned_depth(depth, config)
     means = anchors.means.double().numpy()
     pixels, _ = camera.project(means)
     sampled = sample_depth(depth, pixels)
@@ -140,6 +134,13 @@ def sample_depth(depth: Float32Array, pixels: Float64Array) -> Float64Array:
     return np.asarray(np.where(torn, nearest, blended))
 
 
+def cleaned_depth(depth: Float32Array, config: DeformConfig) -> Float32Array:
+    """The depth that anchors are lifted to: denoised and sharpened as configured."""
+    if config.denoise_depth:
+        depth = denoise_depth(depth)
+    return sharpen_depth(depth, config.edge_ratio) if config.sharpen_depth else depth
+
+
 def denoise_depth(depth: Float32Array) -> Float32Array:
     """Depth without speckle: a median, then a bilateral filter in log depth, which leaves real edges standing.
 
@@ -178,55 +179,6 @@ def near_depth_edge(
     column = np.clip(pixels[:, 0].astype(int), 0, depth.shape[1] - 1)
     row = np.clip(pixels[:, 1].astype(int), 0, depth.shape[0] - 1)
     return np.asarray((distance[row, column] <= reach) & bool((flat == 0).any()))
-
-
-def trim_rims(
-    anchors: GaussianAnchors, depth: Float32Array, pixels: Float64Array, spacing: Float64Array, config: DeformConfig
-) -> GaussianAnchors:
-    """Anchors of the near side of a depth edge, made narrower where they reach across it.
-
-    A rim anchor of full extent covers 0.65 px beyond the silhouette: from elsewhere, that hides a strip of what lies
-    behind, at the wrong depth, and no repair is called for.
-
-    Args:
-        anchors: any anchors, one per pixel position.
-        depth: z-depth over the canvas, [H, W].
-        pixels: canvas position of each anchor, [N, 2].
-        spacing: its grid spacing in pixels, [N].
-        config: ``edge_ratio`` and ``edge_extent``.
-    """
-    rim = near_rims(depth, config.edge_ratio)
-    if not rim.any():
-        return anchors
-    distance, labels = cv2.distanceTransformWithLabels(
-        (~rim).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_5, labelType=cv2.DIST_LABEL_PIXEL
-    )
-    rim_depth = np.ones(int(labels.max()) + 1, np.float32)
-    rim_depth[labels[rim]] = depth[rim]
-    column = np.clip(pixels[:, 0].astype(int), 0, depth.shape[1] - 1)
-    row = np.clip(pixels[:, 1].astype(int), 0, depth.shape[0] - 1)
-    same = np.abs(np.log(depth[row, column] / rim_depth[labels[row, column]])) < np.log(config.edge_ratio)
-    to_silhouette = distance[row, column] + 0.5
-    scale = np.clip((to_silhouette + 0.25) / (_FOOTPRINT * spacing), config.edge_extent, 1.0)
-    narrower = torch.from_numpy(np.where(same, scale, 1.0).astype(np.float32))
-    return replace(anchors, log_variances=anchors.log_variances + 2 * torch.log(narrower)[:, None])
-
-
-def near_rims(depth: Float32Array, edge_ratio: float) -> NDArray[np.bool_]:
-    """Pixels with a neighbour that is farther by ``edge_ratio`` and not on the same plane, [H, W].
-
-    A plane is linear in inverse depth, so on a slope, however steep, the second difference is zero; at a step it is
-    the step.
-    """
-    q = np.pad(1.0 / depth.astype(np.float64), 1, mode="edge")
-    here, height, width = q[1:-1, 1:-1], depth.shape[0], depth.shape[1]
-    farther, bend = np.zeros(depth.shape, bool), np.zeros(depth.shape, bool)
-    for dy, dx in ((0, 1), (1, 0), (1, 1), (1, -1)):
-        one = q[1 + dy : 1 + dy + height, 1 + dx : 1 + dx + width]
-        two = q[1 - dy : 1 - dy + height, 1 - dx : 1 - dx + width]
-        farther |= here > edge_ratio * np.minimum(one, two)
-        bend |= np.abs(one - 2 * here + two) > 0.5 * (edge_ratio - 1) * here
-    return farther & bend
 
 
 def on_near_side(depth: Float32Array, pixels: Float64Array, window: int = 9) -> NDArray[np.bool_]:

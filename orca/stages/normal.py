@@ -34,12 +34,12 @@ class NormalEquations:
         """Product with [N, 3], in two sweeps over the weights."""
         weights, view = self.view.weights, self.view
         back = _through_rays(*weights.rows, view.start, view.share, self.slope, x)
-        return np.asarray(_to_anchors(*weights.columns, back, x, np.float32(self.damping)), np.float32)
+        return np.asarray(_to_anchors(*weights.columns, back, x, self.damping), np.float32)
 
     def diagonal(self) -> Float32Array:
         """Diagonal of each channel, [N, 3], without what two samples of one ray have in common."""
         scale = self.slope * self.view.share[:, None]
-        return np.asarray(_diagonal(*self.view.weights.columns, scale, np.float32(self.damping)), np.float32)
+        return np.asarray(_diagonal(*self.view.weights.columns, scale, self.damping), np.float32)
 
 
 def conjugate_gradients(
@@ -66,7 +66,7 @@ def conjugate_gradients(
 
 
 def _dot(a: Float32Array, b: Float32Array) -> Float32Array:
-    return np.einsum("nc,nc->c", a, b, dtype=np.float64).astype(np.float32)
+    return np.asarray(np.einsum("nc,nc->c", a, b, dtype=np.float64), np.float32)
 
 
 @kernel(error_model="numpy")
@@ -111,8 +111,9 @@ def _to_anchors(
 ) -> Float32Array:
     """weights^T samples + damping x, [N, 3]."""
     out = np.empty_like(x)
+    keep = np.float32(damping)
     for j in numba.prange(len(indptr) - 1):
-        a, b, c = damping * x[j, 0], damping * x[j, 1], damping * x[j, 2]
+        a, b, c = keep * x[j, 0], keep * x[j, 1], keep * x[j, 2]
         for k in range(indptr[j], indptr[j + 1]):
             w, s = values[k], indices[k]
             a += w * samples[s, 0]
@@ -129,7 +130,7 @@ def _diagonal(
     out = np.empty((len(indptr) - 1, 3), np.float32)
     for j in numba.prange(len(indptr) - 1):
         for c in range(3):
-            total = damping
+            total = np.float32(damping)
             for k in range(indptr[j], indptr[j + 1]):
                 through = values[k] * scale[indices[k], c]
                 total += through * through

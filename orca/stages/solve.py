@@ -54,7 +54,7 @@ def _local_means(view: LinearView, clip: float) -> Float32Array:
     logit = _logit(view.target, clip)
     total = view.weights.transposed_times(view.scatter(logit))
     weight = view.weights.transposed_times(view.scatter(np.ones_like(logit)))
-    return total / np.maximum(weight, np.float32(1e-6))
+    return np.asarray(total / np.maximum(weight, 1e-6), np.float32)
 
 
 def _gauss_newton(view: LinearView, colours: Float32Array, planar: PlanarConfig) -> Float32Array:
