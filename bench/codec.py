@@ -20,7 +20,7 @@ __all__ = ["ALREADY_CODED", "CODEC", "coded_before", "coded_output", "holding", 
 #
 # Published clips hold the whole path (250 frames), ours the evaluated frames only (50), with five times the motion
 # between neighbours: the same settings then cost 2.8-3.9 dB more (measured on the published frames themselves). So each
-# frame is held for as many frames as the path has up to the next evaluated one, which leaves 0.7 dB of that.
+# frame is held for as many frames as the path has up to the next evaluated one, which leaves 0.7-1.2 dB of that.
 CODEC = "H.264 crf 23, x264 preset medium, yuv420p, 20 fps, 1 thread, evaluated frames held up to the next one"
 ALREADY_CODED = "decoded from an H.264 video, not coded again"
 _CRF, _FPS = "23", Fraction(20)
