@@ -13,7 +13,7 @@ import torch
 from bench.datasets.case import SceneCase
 from bench.speed.trainers import trained_backends, trainer
 from orca.anchors import GaussianAnchors
-from orca.config import ReconstructConfig, get_preset
+from orca.config import ReconstructConfig, TrainConfig, get_preset
 from orca.conventions import to_float
 from orca.field.decoders import Decoders, analytic_decoders
 from orca.field.hashing import HashEncoding
@@ -120,11 +120,10 @@ def fit_curve(case: SceneCase, initialisation: Initialisation, iterations: int) 
     Args:
         case: the scene.
         initialisation: of features and decoders.
-        iterations: gradient steps.
+        iterations: gradient steps, the first ones of the paper's schedule.
     """
     config = get_preset("draft")
-    config = replace(config, train=replace(config.train, eval_every=max(1, iterations // _EVALUATIONS), patience=10**9))
-    fit, points = _Fit(case, config), list[Point]()
+    fit, points = _Fit(case, replace(config, train=_beginning(config.train, iterations))), list[Point]()
     if initialisation == "closed_form":
         for steps in range(1, config.planar.gauss_newton_steps + 1):
             clock = _Clock()
@@ -146,6 +145,13 @@ def fit_curve(case: SceneCase, initialisation: Initialisation, iterations: int) 
     for iteration, psnr, (cpu, wall) in trained:
         points.append(Point(spent[0] + cpu, spent[1] + wall, solver_steps, iteration, psnr))
     return Curve(case.name, initialisation, len(start), tuple(points))
+
+
+def _beginning(train: TrainConfig, iterations: int) -> TrainConfig:
+    """The schedule of the paper's whole run, cut off: a rate that fell within so few steps would hold gradients back."""
+    share = iterations / get_preset("paper").planar.max_iterations
+    final = train.lr_field * (train.lr_field_final / train.lr_field) ** min(1.0, share)
+    return replace(train, lr_field_final=final, eval_every=max(1, iterations // _EVALUATIONS), patience=10**9)
 
 
 def _trained(

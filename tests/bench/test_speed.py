@@ -23,6 +23,7 @@ from bench.speed.timing import Patience
 from bench.speed.trainers import trained_backends
 from bench.speed.works import FrameWork
 from bench.speed.workshop import Workshop
+from orca.config import get_preset
 from tests.bench.small_cases import make_case, noise_image, plane
 
 WIDTH = 48
@@ -72,6 +73,7 @@ def test_the_scene_is_made_once_and_kept_for_other_processes(workshop: Workshop)
     assert elsewhere.anchors.means.equal(scene.anchors.means)
 
 
+@pytest.mark.slow
 def test_fit_step_and_repair_are_timed(workshop: Workshop) -> None:
     rows, ratios = measure([setting(case) for case in ("fit", "step", "stage3")], workshop)
     by_case = {row.case: row for row in rows}
@@ -160,9 +162,10 @@ def small_case() -> SceneCase:
 def test_both_initialisations_make_a_curve_and_a_chart(tmp_path: Path) -> None:
     curves = [fit_curve(small_case(), name, 4) for name in ("closed_form", "random")]
     closed, random = curves
-    assert [p.solver_steps for p in closed.points][:4] == [1, 2, 3, 4]
+    steps = get_preset("draft").planar.gauss_newton_steps
+    assert [p.solver_steps for p in closed.points][:steps] == list(range(1, steps + 1))
     assert [p.iterations for p in random.points] == [0, 1, 2, 3, 4]
-    assert closed.points[3].psnr > random.points[-1].psnr + 3
+    assert closed.points[steps - 1].psnr > random.points[-1].psnr + 3
     for curve in curves:
         trained = [p for p in curve.points if p.iterations > 0]
         assert len(trained) == 4

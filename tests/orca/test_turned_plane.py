@@ -103,6 +103,7 @@ def test_the_homography_is_that_of_the_cameras() -> None:
     assert turned.judged.mean() > 0.6
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("degrees", ANGLES)
 def test_a_turned_plane_loses_one_db_at_most(degrees: int) -> None:
     """Preset draft, an anchor per four pixels; and no more than resampling its input view would have lost."""
@@ -114,6 +115,7 @@ def test_a_turned_plane_loses_one_db_at_most(degrees: int) -> None:
     assert novel.alpha[turned.judged].min() > 0.95
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("degrees", ANGLES)
 def test_an_exact_fit_turned_is_no_worse_than_the_image_resampled(degrees: int) -> None:
     """Preset quality interpolates the input, so any view loses many dB; as many as the true input image, resampled."""
