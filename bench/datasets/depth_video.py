@@ -115,8 +115,10 @@ def decode_values(frame: UInt8Array) -> tuple[Float32Array, str, float]:
     """
     from scipy.spatial import cKDTree
 
-    pixels = frame.reshape(-1, 3).astype(np.float64)
-    sample = pixels[:: max(1, len(pixels) // 4096)]
+    packed = frame.astype(np.uint32) @ np.array([1 << 16, 1 << 8, 1], np.uint32)
+    codes, place = np.unique(packed, return_inverse=True)  # far fewer colours than pixels
+    colours = np.stack([codes >> 16, codes >> 8 & 255, codes & 255], axis=1).astype(np.float64)
+    sample = frame.reshape(-1, 3)[:: max(1, frame.size // (3 * 4096))].astype(np.float64)
     trees = {name: cKDTree(_colours(name)) for name in COLOUR_MAPS}
     fits = {name: float(np.median(tree.query(sample)[0])) for name, tree in trees.items()}
     best = min(fits, key=lambda name: fits[name])
@@ -126,8 +128,9 @@ def decode_values(frame: UInt8Array) -> tuple[Float32Array, str, float]:
             f"a depth video through {', '.join(COLOUR_MAPS)}",
             "check that it is the depth video",
         )
-    _, index = trees[best].query(pixels)
-    return (index / (_LEVELS - 1)).astype(np.float32).reshape(frame.shape[:2]), best, fits[best]
+    _, index = trees[best].query(colours)
+    values = (index / (_LEVELS - 1)).astype(np.float32)
+    return values[place.reshape(frame.shape[:2])], best, fits[best]
 
 
 def _colours(name: str) -> Float64Array:
