@@ -3,17 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import Protocol
 
+import numpy as np
 import torch
+from numpy.typing import NDArray
+from torch import Tensor
 
 from bench.speed.case import Backend
 from orca.anchors import GaussianAnchors
+from orca.camera import Camera
 from orca.config import RenderConfig, TrainConfig
 from orca.field.decoders import Decoders
 from orca.field.hashing import HashEncoding
+from orca.render.hits import HitList
+from orca.render.reference import render_rays
 from orca.stages.observations import Observation
-from orca.stages.train import TrainPlan, TrainResult, train
+from orca.stages.train import Trainable, TrainPlan, TrainResult, train
 
 __all__ = ["Trainer", "trained_backends", "trainer"]
 
@@ -35,7 +42,21 @@ class Trainer(Protocol):
     ) -> TrainResult: ...
 
 
-_TRAINERS: dict[Backend, Trainer] = {"reference": train}
+def _render_padded(
+    model: Trainable,
+    decoders: Decoders,
+    camera: Camera,
+    hits: HitList,
+    rays: NDArray[np.int64],
+    config: RenderConfig,
+) -> tuple[Tensor, Tensor]:
+    """A batch through the reference renderer: every anchor is prepared, every ray padded to the longest."""
+    pixels = torch.from_numpy(np.stack([rays % camera.width + 0.5, rays // camera.width + 0.5], 1)).float()
+    rgb, alpha, _ = render_rays(model.anchors(), decoders, camera, pixels, torch.from_numpy(hits.padded(rays)), config)
+    return rgb, alpha
+
+
+_TRAINERS: dict[Backend, Trainer] = {"fast": train, "reference": partial(train, render_batch=_render_padded)}
 
 
 def trained_backends() -> tuple[Backend, ...]:

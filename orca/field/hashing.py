@@ -56,10 +56,12 @@ class HashEncoding(nn.Module):
         start = (torch.rand(len(touched), FEATURE_DIM // config.levels, generator=generator) * 2 - 1) * config.initial
         self.table = nn.Parameter(start)
 
-    def forward(self) -> Tensor:
-        """Features of all anchors, [N, 32]: per level, the bilinear mean of four table rows."""
-        looked_up = self.table[self.rows] * self.weights[..., None]  # [N, levels, 4, 2]
-        return looked_up.sum(2).flatten(1)
+    def forward(self, index: Tensor | None = None) -> Tensor:
+        """Features of all anchors, or of some, [N, 32]: per level, the bilinear mean of four table rows."""
+        rows = self.rows if index is None else self.rows.index_select(0, index)
+        weights = self.weights if index is None else self.weights.index_select(0, index)
+        looked_up = self.table.index_select(0, rows.flatten()).view(*rows.shape, -1)  # [N, levels, 4, 2]
+        return (looked_up * weights[..., None]).sum(2).flatten(1)
 
 
 def _corners(rest: Tensor, resolution: int, size: int) -> tuple[Tensor, Tensor]:

@@ -111,7 +111,7 @@ def _next_layers(rays: _Rays, hits: TileHits, samples: _Round, n: int, gaps: tup
         k = rays.cursor[r]
         if k < rays.layer[r, 1]:
             continue
-        end = hits.start[r] + hits.count[r]
+        end = hits.start[r] + hits.length[r]
         rays.layer[r, 0] = k
         k += 1
         while k < end:
@@ -162,7 +162,7 @@ def _aggregate_hits(rays: _Rays, hits: TileHits, samples: _Round, n: int, field:
         r = samples.ray[s]
         k, low, high = rays.cursor[r], rays.layer[r, 0], rays.layer[r, 1]
         if window >= 0:
-            low, high = max(hits.start[r], k - window), min(hits.start[r] + hits.count[r], k + window + 1)
+            low, high = max(hits.start[r], k - window), min(hits.start[r] + hits.length[r], k + window + 1)
         t, nearest = hits.t[k], hits.m2[k]
         for j in range(low, high):
             nearest = min(nearest, hits.m2[j] + hits.a[j] * (t - hits.t[j]) ** 2)
@@ -233,7 +233,7 @@ def _composite_round(
                 samples.geo[seen, c] = decoded[s, c]
             samples.pixel[seen], samples.weight[seen] = pixel, weight
             seen += 1
-        if rays.passed[r] > _OPAQUE and rays.cursor[r] < hits.start[r] + hits.count[r]:
+        if rays.passed[r] > _OPAQUE and rays.cursor[r] < hits.start[r] + hits.length[r]:
             samples.ray[going] = r
             going += 1
     _add_colours(samples.geo[:seen], samples.pixel[:seen], samples.weight[:seen], field, out)
@@ -294,7 +294,7 @@ def render_tiles(
         n = 0
         for r in range((box[2] - box[0]) * (box[3] - box[1])):
             rays.cursor[r], rays.layer[r, 1], rays.passed[r] = hits.start[r], 0, 1
-            if hits.count[r] > 0:
+            if hits.length[r] > 0:
                 samples.ray[n] = r
                 n += 1
         while n > 0:

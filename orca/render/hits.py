@@ -54,3 +54,10 @@ class HitList:
         if len(self.anchor) == 0:
             return np.full((len(start), k), -1, np.int64)
         return np.where(valid, self.anchor[rows], -1).astype(np.int64)
+
+    def flat(self, rays: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """Hits of some rays one after another: which of ``rays`` each belongs to, and its anchor, both [H]."""
+        start, count = self.start[rays], self.count[rays].astype(np.int64)
+        ray = np.repeat(np.arange(len(rays)), count)
+        rows = np.arange(len(ray)) + np.repeat(start - (np.cumsum(count) - count), count)
+        return ray, self.anchor[rows].astype(np.int64)

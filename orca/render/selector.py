@@ -127,7 +127,7 @@ def _collect(
             for x in range(x0, x1):
                 r = (y - y0) * (x1 - x0) + x - x0
                 start[y * size[0] + x] = used + hits.start[r]
-                count[y * size[0] + x] = hits.count[r]
+                count[y * size[0] + x] = hits.length[r]
         used += n
     return overflow, (anchor[:used], values[0, :used], values[1, :used], values[2, :used])
 

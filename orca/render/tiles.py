@@ -36,17 +36,17 @@ class Footprints(NamedTuple):
 
 
 class TileHits(NamedTuple):
-    """Hits of one tile; those of ray r (row by row) are ``start[r] : start[r] + count[r]``, by (t, anchor).
+    """Hits of one tile; those of ray r (row by row) are ``start[r] : start[r] + length[r]``, by (t, anchor).
 
     Attributes:
-        start, count: [TILE * TILE].
+        start, length: [TILE * TILE].
         total: how many entries there are, [1].
         anchor, t, m2, a: one entry a hit, as in `orca.render.hits.HitList`.
         found: the same as they were found: ray, anchor and (t, m2, a).
     """
 
     start: NDArray[np.int32]
-    count: NDArray[np.int32]
+    length: NDArray[np.int32]
     total: NDArray[np.int64]
     anchor: NDArray[np.int32]
     t: Float32Array
@@ -128,15 +128,15 @@ def collect_tile(
     """
     box = tile_box(tile, size)
     rays = (box[2] - box[0]) * (box[3] - box[1])
-    hits.count[:rays] = 0
-    hits.total[0] = _find(tile, box, where, limits, hits.count, *hits.found)
+    hits.length[:rays] = 0
+    hits.total[0] = _find(tile, box, where, limits, hits.length, *hits.found)
     _deal(hits.total[0], rays, hits)
     _sort(rays, hits)
     overflow = 0
     for r in range(rays):
-        if hits.count[r] > most:
-            overflow += hits.count[r] - most
-            hits.count[r] = most
+        if hits.length[r] > most:
+            overflow += hits.length[r] - most
+            hits.length[r] = most
     return overflow
 
 
@@ -200,13 +200,13 @@ def _deal(total: int, rays: int, hits: TileHits) -> None:
     start, at = hits.start, 0
     for r in range(rays):
         start[r] = at
-        at += hits.count[r]
+        at += hits.length[r]
     for k in range(total):
         to = start[ray[k]]
         start[ray[k]] = to + 1
         hits.anchor[to], hits.t[to], hits.m2[to], hits.a[to] = anchor[k], values[k, 0], values[k, 1], values[k, 2]
     for r in range(rays):
-        start[r] -= hits.count[r]
+        start[r] -= hits.length[r]
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")  # type: ignore[untyped-decorator]
@@ -214,7 +214,7 @@ def _sort(rays: int, hits: TileHits) -> None:
     """Sort the hits of every ray by t; stable, so equal depths keep ascending anchors."""
     anchor, t, m2, a = hits.anchor, hits.t, hits.m2, hits.a
     for r in range(rays):
-        low, end = hits.start[r], hits.start[r] + hits.count[r]
+        low, end = hits.start[r], hits.start[r] + hits.length[r]
         if end - low > _FEW:
             _sort_many(low, end, anchor, t, m2, a)
             continue

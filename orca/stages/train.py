@@ -1,4 +1,4 @@
-"""Gradient training of stages 1 and 2: batches of rays through the reference renderer, Adam, early stopping."""
+"""Gradient training of stages 1 and 2: batches of rays through the flat renderer, Adam, early stopping."""
 
 from __future__ import annotations
 
@@ -8,20 +8,22 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import Tensor, nn
 from torch.nn import functional as F
 
 from orca.anchors import GaussianAnchors
+from orca.camera import Camera
 from orca.config import RenderConfig, TrainConfig
 from orca.field.decoders import Decoders
 from orca.field.hashing import HashEncoding
+from orca.render.flat import FlatHits, render_flat
 from orca.render.hits import HitList
-from orca.render.reference import render_rays
 from orca.render.renderer import Renderer
 from orca.stages.early_stopping import EarlyStopping
 from orca.stages.observations import Observation
 
-__all__ = ["TrainPlan", "TrainResult", "train"]
+__all__ = ["RenderBatch", "TrainPlan", "TrainResult", "Trainable", "train"]
 
 
 @dataclass(frozen=True)
@@ -58,7 +60,7 @@ class TrainResult:
     history: tuple[tuple[int, float, float], ...]
 
 
-class _Trainable(nn.Module):
+class Trainable(nn.Module):
     """The anchors as parameters; features are what they carry plus the hash encoding at their rest positions."""
 
     def __init__(self, anchors: GaussianAnchors, encoding: HashEncoding) -> None:
@@ -70,6 +72,17 @@ class _Trainable(nn.Module):
         self.log_variances = nn.Parameter(anchors.log_variances.clone())
         self.quaternions = nn.Parameter(anchors.quaternions.clone())
         self.opacity_logits = nn.Parameter(anchors.opacity_logits.clone())
+
+    def some(self, index: Tensor) -> GaussianAnchors:
+        """Some of the anchors, with a graph: a batch looks at few of them."""
+        return GaussianAnchors(
+            means=self.means.index_select(0, index),
+            log_variances=self.log_variances.index_select(0, index),
+            quaternions=self.quaternions.index_select(0, index),
+            opacity_logits=self.opacity_logits.index_select(0, index),
+            features=self.start.features.index_select(0, index) + self.encoding(index),
+            stage=self.start.stage.index_select(0, index),
+        )
 
     def anchors(self) -> GaussianAnchors:
         return replace(
@@ -92,7 +105,10 @@ class _Trainable(nn.Module):
         if plan.train_extents:
             groups.append({"params": [self.log_variances], "lr": config.lr_log_variances})
             groups.append({"params": [self.quaternions], "lr": config.lr_quaternions})
-        return torch.optim.Adam(groups, eps=config.adam_eps)
+        return torch.optim.Adam(groups, eps=config.adam_eps, fused=True)
+
+
+RenderBatch = Callable[[Trainable, Decoders, Camera, HitList, NDArray[np.int64], RenderConfig], tuple[Tensor, Tensor]]
 
 
 def train(
@@ -105,14 +121,16 @@ def train(
     render: RenderConfig,
     generator: torch.Generator,
     progress: Callable[[int, int], None] = lambda done, total: None,
+    render_batch: RenderBatch | None = None,
 ) -> TrainResult:
     """Fit anchors, encoding and decoders (in place) to the observations; loss: smooth-L1, beta 1, on RGB.
 
     The anchors' features include the encoding's contribution, before and after. The device is that of the anchors.
     Hit lists are integers: they are found once, and again at every evaluation if the geometry moves. The input view
     (first observation) is what early stopping watches. On the CPU the same generator gives the same result.
+    ``render_batch`` takes the place of `orca.render.flat`, for comparison.
     """
-    model = _Trainable(anchors, encoding)
+    model = Trainable(anchors, encoding)
     optimiser = model.optimiser(decoders, plan, config)
     decay = (config.lr_field_final / config.lr_field) ** (1 / max(1, plan.max_iterations))
     stopping = EarlyStopping(config.min_gain_db, config.patience, config.smoothing, plan.arm_after)
@@ -120,7 +138,7 @@ def train(
     stopped, step = "max_iterations", 0
     while step < plan.max_iterations:
         with _repeatable(model.means.device):
-            loss = _batch_loss(model, decoders, observed, hits, config, render, generator)
+            loss = _batch_loss(model, decoders, observed, hits, config, render, generator, render_batch or _render_flat)
             optimiser.zero_grad(set_to_none=True)
             loss.backward()  # type: ignore[no-untyped-call]
         optimiser.step()
@@ -148,39 +166,31 @@ def _repeatable(device: torch.device) -> Iterator[None]:
 
 
 def _hit_lists(
-    model: _Trainable, decoders: Decoders, observed: Sequence[Observation], render: RenderConfig
+    model: Trainable, decoders: Decoders, observed: Sequence[Observation], render: RenderConfig
 ) -> list[HitList]:
     renderer = Renderer(model.anchors(), decoders, render, str(model.means.device))
     return [renderer.hits(o.camera) for o in observed]
 
 
 def _batch_loss(
-    model: _Trainable,
+    model: Trainable,
     decoders: Decoders,
     observed: Sequence[Observation],
     hits: Sequence[HitList],
     config: TrainConfig,
     render: RenderConfig,
     generator: torch.Generator,
+    render_batch: RenderBatch,
 ) -> Tensor:
     """Loss of one random batch, drawn from the observations in proportion to their size."""
     sizes = np.array([len(o.rays) for o in observed])
-    anchors = model.anchors()
-    device = anchors.means.device
+    device = model.means.device
     total = torch.zeros((), device=device)
     for o, h, share in zip(observed, hits, sizes / sizes.sum(), strict=True):
         count = max(1, round(config.batch_rays * float(share)))
         chosen = torch.randint(len(o.rays), (count,), generator=generator).numpy()
         rays = o.rays[chosen]
-        pixels = np.stack([rays % o.camera.width + 0.5, rays // o.camera.width + 0.5], 1)
-        rgb, alpha, _ = render_rays(
-            anchors,
-            decoders,
-            o.camera,
-            torch.as_tensor(pixels, dtype=torch.float32, device=device),
-            torch.from_numpy(h.padded(rays)).to(device),
-            render,
-        )
+        rgb, alpha = render_batch(model, decoders, o.camera, h, rays, render)
         behind = torch.rand(count, 3, generator=generator).to(device) if config.random_background else 0.0
         target = torch.from_numpy(o.colour[chosen]).to(device)
         image = rgb + (1 - alpha)[:, None] * behind
@@ -188,7 +198,26 @@ def _batch_loss(
     return total
 
 
-def _psnr(model: _Trainable, decoders: Decoders, observation: Observation, render: RenderConfig) -> float:
+def _render_flat(
+    model: Trainable,
+    decoders: Decoders,
+    camera: Camera,
+    hits: HitList,
+    rays: NDArray[np.int64],
+    config: RenderConfig,
+) -> tuple[Tensor, Tensor]:
+    """Colour [R, 3] and alpha [R] of some rays of a view; only the anchors they hit are looked at."""
+    device = model.means.device
+    pixels = torch.from_numpy(np.stack([rays % camera.width + 0.5, rays // camera.width + 0.5], 1)).float()
+    ray, anchor = hits.flat(rays)
+    used, anchor = np.unique(anchor, return_inverse=True)
+    flat = FlatHits(torch.from_numpy(ray).to(device), torch.from_numpy(anchor).to(device), len(rays))
+    some = model.some(torch.from_numpy(used).to(device))
+    rgb, alpha, _ = render_flat(some, decoders, camera, pixels.to(device), flat, config)
+    return rgb, alpha
+
+
+def _psnr(model: Trainable, decoders: Decoders, observation: Observation, render: RenderConfig) -> float:
     rendered = Renderer(model.anchors(), decoders, render, str(model.means.device)).render(observation.camera)
     error = rendered.rgb.reshape(-1, 3)[observation.rays] - observation.colour
     return float(-10 * np.log10(max(float(np.square(error).mean()), 1e-12)))

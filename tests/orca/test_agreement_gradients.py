@@ -24,6 +24,7 @@ from orca.config import HashConfig, RenderConfig
 from orca.field.decoders import Decoders
 from orca.field.hashing import HashEncoding
 from orca.render import HitList, Renderer
+from orca.render.flat import FlatHits, render_flat
 from orca.render.reference import render_rays
 from tests.orca.agreement import MODES as ALL_MODES
 from tests.orca.agreement import fitted_scene, moved, photo
@@ -109,8 +110,36 @@ class HashEncodingCopy(nn.Module):
         return (self.table[self.rows] * self.weights[..., None]).sum(2).flatten(1)
 
 
+def flat_gradients(of: Problem) -> Gradients:
+    """What training runs on: flat hit tables, and only the anchors that the rays hit."""
+    leaves = {name: nn.Parameter(getattr(of.anchors, name).clone()) for name in GEOMETRY}
+    encoding = HashEncodingCopy(of.encoding, torch.float32)
+    features = of.anchors.features.clone().requires_grad_()
+    ray, anchor = of.hits.flat(of.rays)
+    used, anchor = np.unique(anchor, return_inverse=True)
+    whole = replace(of.anchors, **leaves, features=features + encoding())
+    pixels = np.stack([of.rays % of.camera.width + 0.5, of.rays // of.camera.width + 0.5], 1)
+    rgb, alpha, _ = render_flat(
+        whole.subset(torch.from_numpy(used)),
+        of.decoders,
+        of.camera,
+        torch.from_numpy(pixels).float(),
+        FlatHits(torch.from_numpy(ray), torch.from_numpy(anchor), len(of.rays)),
+        of.config,
+    )
+    loss = F.smooth_l1_loss(rgb + (1 - alpha)[:, None] * of.background, of.target, beta=1.0)
+    named = {
+        **leaves,
+        "features": features,
+        "hash table": encoding.table,
+        **dict(of.decoders.named_parameters()),
+    }
+    return dict(zip(named, torch.autograd.grad(loss, list(named.values())), strict=True))
+
+
 BACKENDS: dict[str, Callable[[Problem], Gradients]] = {
     "torch": lambda of: torch_gradients(of, torch.float32),
+    "flat": flat_gradients,
 }
 
 
