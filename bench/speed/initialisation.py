@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
 from typing import Any, Literal
 
@@ -111,6 +110,17 @@ class _Fit:
         return float(-10 * np.log10(max(float(np.square(error).mean()), 1e-12)))
 
 
+@dataclass(frozen=True, eq=False)
+class _Start:
+    """Where the gradient takes over: anchors without the encoding's share, and what it took to get there."""
+
+    anchors: GaussianAnchors
+    decoders: Decoders
+    encoding: HashEncoding
+    generator: torch.Generator
+    reached: Point
+
+
 def fit_curve(case: SceneCase, initialisation: Initialisation, iterations: int) -> Curve:
     """Fit stage 1 of the draft preset without a margin; everything but the initialisation is the same.
 
@@ -123,56 +133,72 @@ def fit_curve(case: SceneCase, initialisation: Initialisation, iterations: int) 
         iterations: gradient steps, the first ones of the paper's schedule.
     """
     config = get_preset("draft")
-    fit, points = _Fit(case, replace(config, train=_beginning(config.train, iterations))), list[Point]()
+    fit = _Fit(case, replace(config, train=_beginning(config.train, iterations)))
     if initialisation == "closed_form":
-        for steps in range(1, config.planar.gauss_newton_steps + 1):
-            clock = _Clock()
-            anchors, encoding, generator = fit.start()
-            anchors, decoders = fit.solved(anchors, generator, steps)
-            spent = clock.read()
-            points.append(Point(*spent, steps, 0, fit.psnr(anchors, decoders)))
-        solver_steps = config.planar.gauss_newton_steps
+        starts = [_closed_form(fit, steps) for steps in range(1, config.planar.gauss_newton_steps + 1)]
     else:
-        clock = _Clock()
-        anchors, encoding, generator = fit.start()
-        decoders = Decoders(generator=generator)
-        anchors = anchors.with_features(torch.zeros_like(anchors.features))
-        spent, solver_steps = clock.read(), 0
-        baked = anchors.with_features(anchors.features + encoding().detach())
-        points.append(Point(*spent, 0, 0, fit.psnr(baked, decoders)))
-    start = anchors.with_features(anchors.features + encoding().detach())
-    trained = _trained(fit, start, decoders, encoding, iterations, generator)
-    for iteration, psnr, (cpu, wall) in trained:
-        points.append(Point(spent[0] + cpu, spent[1] + wall, solver_steps, iteration, psnr))
-    return Curve(case.name, initialisation, len(start), tuple(points))
+        starts = [_random(fit)]
+    last, points = starts[-1], [start.reached for start in starts]
+    points += _trained(fit, last, iterations)
+    return Curve(case.name, initialisation, len(last.anchors), tuple(points))
+
+
+def _closed_form(fit: _Fit, steps: int) -> _Start:
+    """The whole fit with so many Gauss-Newton steps, timed from the image on."""
+    clock = _Clock()
+    anchors, encoding, generator = fit.start()
+    anchors, decoders = fit.solved(anchors, generator, steps)
+    cpu, wall = clock.read()
+    return _Start(anchors, decoders, encoding, generator, Point(cpu, wall, steps, 0, fit.psnr(anchors, decoders)))
+
+
+def _random(fit: _Fit) -> _Start:
+    """Random decoders, and features from a random encoding alone."""
+    clock = _Clock()
+    anchors, encoding, generator = fit.start()
+    decoders = Decoders(generator=generator)
+    anchors = anchors.with_features(torch.zeros_like(anchors.features))
+    cpu, wall = clock.read()
+    psnr = fit.psnr(anchors.with_features(encoding().detach()), decoders)
+    return _Start(anchors, decoders, encoding, generator, Point(cpu, wall, 0, 0, psnr))
 
 
 def _beginning(train: TrainConfig, iterations: int) -> TrainConfig:
-    """The schedule of the paper's whole run, cut off: a rate that fell within so few steps would hold gradients back."""
+    """The schedule of the paper's whole run, cut off: a rate that fell within so few steps would be no fair one."""
     share = iterations / get_preset("paper").planar.max_iterations
     final = train.lr_field * (train.lr_field_final / train.lr_field) ** min(1.0, share)
     return replace(train, lr_field_final=final, eval_every=max(1, iterations // _EVALUATIONS), patience=10**9)
 
 
-def _trained(
-    fit: _Fit,
-    start: GaussianAnchors,
-    decoders: Decoders,
-    encoding: HashEncoding,
-    iterations: int,
-    generator: torch.Generator,
-) -> list[tuple[int, float, tuple[float, float]]]:
-    """Gradient steps: (iteration, PSNR, CPU and wall seconds of the steps so far) at each evaluation."""
+def _trained(fit: _Fit, start: _Start, iterations: int) -> list[Point]:
+    """Gradient steps from a start: a point at each evaluation."""
     if iterations == 0:
         return []
     train = trainer("fast" if "fast" in trained_backends() else "reference")
     clock, marks = _Clock(), list[tuple[float, float]]()
-    hear: Callable[[int, int], None] = lambda done, total: marks.append(clock.read())  # noqa: E731
-    plan = TrainPlan(iterations, iterations, train_means=False, train_extents=False)
-    settings = (plan, fit.config.train, fit.config.render, generator, hear)
-    history = train(start, decoders, encoding, fit.observed, *settings).history
-    spent = _without_evaluations(np.array(marks), fit.config.train.eval_every)
-    return [(step, psnr, (float(spent[step - 1, 0]), float(spent[step - 1, 1]))) for step, psnr, _ in history]
+    anchors = start.anchors.with_features(start.anchors.features + start.encoding().detach())
+    history = train(
+        anchors,
+        start.decoders,
+        start.encoding,
+        fit.observed,
+        TrainPlan(iterations, iterations, train_means=False, train_extents=False),
+        fit.config.train,
+        fit.config.render,
+        start.generator,
+        lambda done, total: marks.append(clock.read()),
+    ).history
+    spent, before = _without_evaluations(np.array(marks), fit.config.train.eval_every), start.reached
+    return [
+        replace(
+            before,
+            cpu_s=before.cpu_s + float(spent[step - 1, 0]),
+            wall_s=before.wall_s + float(spent[step - 1, 1]),
+            iterations=step,
+            psnr=psnr,
+        )
+        for step, psnr, _ in history
+    ]
 
 
 def _without_evaluations(marks: np.ndarray[Any, np.dtype[np.float64]], every: int) -> np.ndarray[Any, Any]:
