@@ -194,6 +194,16 @@ def test_the_shifted_null_judges_each_pair_by_the_next_cameras() -> None:
     assert score.tsed(score.shifted) < 0.7  # type: ignore[operator]
 
 
+def test_no_match_is_dropped_unless_asked_for() -> None:
+    """RANSAC hides the evidence: by default every mutual match enters the score."""
+    frames = np.stack(planar().images)
+    everything = matches_of(*planar().images)
+    (kept,) = match_consecutive(frames, TsedConfig())
+    np.testing.assert_array_equal(kept.x2, everything.x2)
+    (filtered,) = match_consecutive(frames, TsedConfig(ransac_prefilter=True))
+    assert 0 < len(filtered) < len(everything)
+
+
 def test_threads_and_repeats_change_no_bit() -> None:
     frames, cameras = spiral_at_stride_five()
     one, two = (match_consecutive(frames[:4], TsedConfig(), threads) for threads in (1, 2))

@@ -155,6 +155,11 @@ def test_zero_baseline_policies() -> None:
     assert wrong.reason(2.0, 10) == "sed"
 
 
+def test_an_excluded_pair_is_never_consistent() -> None:
+    assert PairScore(20, 0.1, "F").ok(2.0, 10)
+    assert not PairScore(20, 0.1, "F", excluded=True).ok(2.0, 10)
+
+
 def test_frozen_pair_needs_a_rotation_to_be_seen() -> None:
     x1, x2 = matches_of(view(), TURN)
     frozen = PairMatches(x1, x2).frozen()
