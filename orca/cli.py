@@ -106,7 +106,7 @@ def _add_view(verbs: argparse._SubParsersAction[argparse.ArgumentParser]) -> Non
 
 
 def _add_bake(verb: argparse.ArgumentParser) -> None:
-    text = "fitting steps, 0 for each anchor's own colour (default: 80)"
+    text = "fitting steps, 0 for each anchor's own colour (default: 120)"
     verb.add_argument("--steps", metavar="N", type=int, help=text)
     text = "views to fit and to play: a path's name or a camera file (default: the scene's own, else spiral)"
     verb.add_argument("--trajectory", metavar="PATH", help=text)

@@ -105,7 +105,7 @@ def read_splats(path: str | os.PathLike[str], stage: NDArray[np.uint8] | None = 
         log_scales=columns("scale_0", "scale_1", "scale_2"),
         quaternions=columns("rot_0", "rot_1", "rot_2", "rot_3"),
         colours=columns("f_dc_0", "f_dc_1", "f_dc_2") * np.float32(SH_C0) + np.float32(0.5),
-        opacities=1 / (1 + np.exp(-columns("opacity")[:, 0])),
+        opacities=np.asarray(1 / (1 + np.exp(-columns("opacity")[:, 0])), np.float32),
         stage=np.zeros(len(table), np.uint8) if stage is None else stage,
     )
     if bad := splats.broken():

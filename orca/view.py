@@ -99,7 +99,9 @@ class SceneViewer:
 
     def _add_controls(self, camera: Camera) -> None:
         gui = self.server.gui
-        gui.configure_theme(show_logo=False, show_share_button=False, control_layout="collapsible")
+        gui.configure_theme(
+            dark_mode=True, show_logo=False, show_share_button=False
+        )  # sharing would send the scene away
         with gui.add_folder("Anchors"):
             for name, handle in self.handles.items():
                 self._add_switch(name, handle)
@@ -190,7 +192,7 @@ def _add_scene(server: Any, splats: Splats, camera: Camera, path: Sequence[Camer
         )
     if len(path) > 1:
         places = np.stack([view.center for view in path])
-        scene.add_spline_catmull_rom("/path", points=places, line_width=1.5, color=_PATH_COLOUR, visible=False)
+        scene.add_spline_catmull_rom("/path", points=places, color=_PATH_COLOUR, visible=False)
     return handles
 
 

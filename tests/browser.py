@@ -31,6 +31,11 @@ class Watched:
     errors: list[str] = field(default_factory=list)
     requests: list[str] = field(default_factory=list)
 
+    def asked(self, url: str) -> None:
+        """Take note of a request, unless it is for data in the page itself."""
+        if not url.startswith(("data:", "blob:")):
+            self.requests.append(url)
+
 
 @contextmanager
 def open_page(width: int = 1100, height: int = 800, webgl: bool = False, **options: Any) -> Iterator[Watched]:
@@ -47,9 +52,8 @@ def open_page(width: int = 1100, height: int = 800, webgl: bool = False, **optio
         watched = Watched(page)
         page.on("console", lambda message: watched.errors.append(message.text) if message.type == "error" else None)
         page.on("pageerror", lambda error: watched.errors.append(str(error)))
-        page.on("request", lambda request: watched.requests.append(request.url))
+        page.on("request", lambda request: watched.asked(request.url))
         try:
             yield watched
         finally:
             browser.close()
-        watched.requests[:] = [url for url in watched.requests if not url.startswith(("data:", "blob:"))]

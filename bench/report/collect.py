@@ -116,7 +116,8 @@ def _scene(run: Measured, scene: str, sources: Sources, case: SceneCase | None, 
         _add_video(entry, method, record, sources, media)
         if ledger := read_ledger(sources.store.root, record):
             entry["ledgers"][method] = ledger
-    return jsonable(entry)
+    plain: dict[str, Any] = jsonable(entry)
+    return plain
 
 
 def _add_video(entry: dict[str, Any], method: str, record: CellRecord, sources: Sources, media: Media) -> None:

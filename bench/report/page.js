@@ -127,7 +127,8 @@
     const labels = [];
     for (const p of [...untimed, ...timed]) {
       const inStrip = untimed.includes(p);
-      const x = inStrip ? left + strip / 2 : px(p.x), y = py(p.y);
+      const spread = (untimed.indexOf(p) + 0.5) / Math.max(1, untimed.length); // side by side, not on top of one another
+      const x = inStrip ? left + strip * (0.15 + 0.7 * spread) : px(p.x), y = py(p.y);
       const lines = [p.method, `${quality.title}: ${number(p.y, quality)} (${p.n} scene${p.n === 1 ? "" : "s"})`, `${cost.title}: ${inStrip ? "not measured here" : number(p.x, cost)}`];
       const text = lines.join("\n");
       const circle = make("circle", { class: "mean", cx: x, cy: y, r: 8, fill: colour(p.method), tabindex: 0, role: "img", "aria-label": lines.join(", "), "data-method": p.method });
@@ -264,7 +265,7 @@
   function scores(scene) {
     const columns = data.columns.filter((c) => data.methods.some((m) => finite((scene.values[m] || {})[c.key])));
     const head = make("tr", {}, make("th", { scope: "col", "data-first": "ascending" }, make("button", { type: "button" }, "Method")));
-    const arrow = (c) => (c.higher === null ? "" : c.higher ? " ↑" : " ↓");
+    const arrow = (c) => (c.higher === null ? "" : c.higher ? "\u00a0↑" : "\u00a0↓");
     head.append(...columns.map((c) => make("th", { scope: "col", class: "number", "data-first": c.higher ? "descending" : "ascending" }, make("button", { type: "button" }, c.title + arrow(c)))));
     const rows = data.methods.filter((m) => scene.values[m] || scene.failures[m]).map((method) => {
       const dot = make("span", { class: "swatch" });

@@ -144,19 +144,30 @@ def _heads(table: Table, columns: tuple[Column, ...]) -> dict[str, Any]:
         {"label": row.labels[0], "cells": [(re.sub(r" \[[\d,]+\]", "", cell.text), cell) for cell in row.cells]}
         for row in table.rows
     ]
-    heads = [{"title": h.title, "first": "descending" if better.get(h.key) else "ascending"} for h in table.heads]
+    heads = [
+        {
+            "title": h.title.replace(" ↑", "\u00a0↑").replace(" ↓", "\u00a0↓"),
+            "first": "descending" if better.get(h.key) else "ascending",
+        }
+        for h in table.heads
+    ]
     return {"title": table.title, "heads": heads, "rows": rows, "notes": [n for n in table.notes if n[:1] != "["]}
 
 
 def _provenance(run: dict[str, Any]) -> list[tuple[str, list[str]]]:
     """Headings and lines of the footer."""
-    host, identity = run.get("host", {}), run.get("identity", {})
+    host, identity, code = run.get("host", {}), run.get("identity", {}), run.get("code") or {}
+    started = run.get("timing", {}).get("started", "?")
     specs = run.get("metric_specs", {}).values()
     machine = [f"{key}: {value}" for key, value in host.items() if key != "versions"]
     versions = [f"{name} {version}" for name, version in host.get("versions", {}).items() if version]
     return [
-        ("Commands", [str(command) for command in run.get("commands", [])] + [f"started {run.get('started', '?')}"]),
+        (
+            "Commands",
+            [*(str(command) for command in run.get("commands", [])), f"started {started}"],
+        ),
         ("Run", [f"{key}: {value}" for key, value in identity.items() if value is not None]),
+        ("Code", [f"{key}: {value}" for key, value in code.items() if value is not None]),
         ("Machine", machine),
         ("Libraries", versions),
         ("Methods", [f"{name}: {version}" for name, version in run.get("method_versions", {}).items()]),

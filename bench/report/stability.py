@@ -48,7 +48,7 @@ def read_stability(path: Path) -> dict[str, Any]:
     cases = list(dict.fromkeys(case for case, _ in cells))
     methods = list(dict.fromkeys(method for _, method in cells))
     table = [{"case": case, "cells": [cells.get((case, method)) for method in methods]} for case in cases]
-    totals = [_totals([row["cells"][i] for row in table]) for i in range(len(methods))]
+    totals = [_totals([cells.get((case, method)) for case in cases]) for method in methods]
     return {"methods": methods, "rows": table, "totals": totals, "cases": len(cases)}
 
 

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 __all__ = ["BakeConfig", "anchor_splats", "bake", "fitted_frames", "splat_opacities"]
 
 Progress = Callable[[str, int, int], None]
-_MOMENTUM, _INERTIA = 0.9, 0.98  # Adam's betas; the second forgets within the 80 steps that there are
+_MOMENTUM, _INERTIA = 0.9, 0.98  # Adam's betas; the second forgets within the steps that there are
 
 
 @dataclass(frozen=True)
@@ -44,7 +44,7 @@ class BakeConfig:
         rate_colour, rate_opacity, rate_growth: learning rates.
     """
 
-    steps: int = 80
+    steps: int = 120
     views: int = 6
     input_weight: float = 3.0
     zoom: float = 2.0
@@ -87,7 +87,7 @@ def anchor_splats(scene: Scene) -> Splats:
         unit = (quaternions / norms).astype(np.float32)
     splats = Splats(
         means=anchors.means.detach().cpu().numpy(),
-        log_scales=0.5 * anchors.log_variances.detach().cpu().numpy(),
+        log_scales=np.float32(0.5) * anchors.log_variances.detach().cpu().numpy(),
         quaternions=unit,
         colours=np.asarray(scene.anchor_colors(), np.float32),
         opacities=splat_opacities(scene),

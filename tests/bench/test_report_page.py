@@ -1,0 +1,186 @@
+"""The report page in a browser: it moves, sorts and plays as it should, asks nobody, and runs nobody else's code."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from bench.report import write_report
+from tests.bench.report_run import METHODS, SCENES, SCRIPT, write_run, write_stability
+from tests.browser import Watched, open_page
+
+pytestmark = pytest.mark.slow
+
+
+@pytest.fixture(scope="module")
+def file(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("page")
+    run = write_run(folder)
+    write_stability(run / "stability.json")
+    return write_report(run, folder / "page.html").path
+
+
+@pytest.fixture
+def watched(file: Path) -> Iterator[Watched]:
+    with open_page() as seen:
+        seen.page.goto(file.as_uri())
+        yield seen
+        assert seen.errors == []
+        assert [url for url in seen.requests if url != file.as_uri()] == []
+        assert seen.page.evaluate("typeof pwned") == "undefined"
+
+
+def column(page: Any, table: str, index: int) -> list[str]:
+    found: list[str] = page.eval_on_selector_all(
+        f"{table} tbody tr", f"rows => rows.map(row => row.cells[{index}].innerText.trim())"
+    )
+    return found
+
+
+def until(page: Any, expression: str) -> None:
+    """Wait for an expression to be true. (playwright's own way needs `eval`, which the page's policy forbids.)"""
+    for _ in range(1200):
+        if page.evaluate(expression):
+            return
+        page.wait_for_timeout(100)
+    pytest.fail(f"not within two minutes: {expression}")
+
+
+def wait_for_videos(page: Any) -> None:
+    until(page, "[...document.querySelectorAll('video')].every(v => v.readyState >= 2 && !v.seeking)")
+
+
+def times(page: Any) -> list[float]:
+    found: list[float] = page.evaluate("[...document.querySelectorAll('video')].map(v => v.currentTime)")
+    return found
+
+
+def test_a_heading_sorts_its_table_up_and_down(watched: Watched) -> None:
+    page = watched.page
+    head = page.locator("#means thead button").nth(1)
+    head.click()
+    assert column(page, "#means", 0) == list(METHODS)  # best first
+    head.focus()
+    page.keyboard.press("Enter")
+    assert column(page, "#means", 0) == list(reversed(METHODS))
+    assert page.locator("#means thead th").nth(1).get_attribute("aria-sort") == "ascending"
+    page.locator("#means thead button").nth(0).click()
+    assert column(page, "#means", 0) == sorted(METHODS)
+
+
+def test_what_has_no_number_stays_last(watched: Watched) -> None:
+    page = watched.page
+    heads = page.locator("#means thead button")
+    index = [heads.nth(i).inner_text() for i in range(heads.count())].index("ms/frame\u00a0↓")
+    for _ in range(2):
+        heads.nth(index).click()
+        assert column(page, "#means", 0)[0] == "orca"
+
+
+def test_the_slider_divides_two_methods_at_one_frame(watched: Watched) -> None:
+    page = watched.page
+    wait_for_videos(page)
+    page.locator(".compare").scroll_into_view_if_needed()
+    box = page.locator(".compare").bounding_box()
+    clip = "getComputedStyle(document.querySelectorAll('.compare video')[1]).clipPath"
+    assert page.evaluate(clip) == "inset(0px 50% 0px 0px)"
+    page.mouse.move(box["x"] + box["width"] / 2, box["y"] + 20)
+    page.mouse.down()
+    page.mouse.move(box["x"] + box["width"] / 4, box["y"] + 20)
+    page.mouse.up()
+    assert float(page.locator("#split").input_value()) == pytest.approx(25, abs=0.5)
+    page.locator("#split").focus()
+    page.keyboard.press("Home")
+    assert page.evaluate(clip) == "inset(0px 100% 0px 0px)"
+    page.locator("#frame").fill("7")
+    wait_for_videos(page)
+    assert times(page) == pytest.approx([0.75] * 5)
+    page.select_option("#right-method", METHODS[2])
+    wait_for_videos(page)
+    assert page.eval_on_selector_all(".compare video", "all => all.map(v => v.dataset.method)") == [METHODS[2], "orca"]
+    assert times(page) == pytest.approx([0.75] * 5)  # the new one joins at the frame that is shown
+
+
+def test_the_picture_is_that_of_the_frame(watched: Watched) -> None:
+    """Read back from the decoded video: the bar of frame i is at 4 i."""
+    page = watched.page
+    read = """i => { const v = document.querySelectorAll('.wall video')[i], c = document.createElement('canvas');
+      c.width = 64; c.height = 48; const d = c.getContext('2d'); d.drawImage(v, 0, 0, 64, 48);
+      return [...d.getImageData(0, 24, 64, 1).data].filter((_, k) => k % 4 === i); }"""
+    for frame in (0, 6, 11):
+        page.locator("#frame").fill(str(frame))
+        wait_for_videos(page)
+        page.wait_for_timeout(100)
+        for method in range(3):
+            row = page.evaluate(read, method)
+            bright = [x for x, value in enumerate(row) if value > 180]
+            assert bright[0] == pytest.approx(4 * frame, abs=1)
+            assert bright[-1] == pytest.approx(4 * frame + 7, abs=1)
+
+
+def test_videos_play_in_step(watched: Watched) -> None:
+    page = watched.page
+    wait_for_videos(page)
+    page.locator("#play").focus()
+    page.keyboard.press("Enter")
+    until(page, "Number(document.getElementById('frame').value) >= 3")
+    seen = [times(page) for _ in range(20)]
+    assert all(max(now) - min(now) < 1e-6 for now in seen)
+    page.locator("#play").click()
+    stopped = page.locator("#frame").input_value()
+    page.wait_for_timeout(400)
+    assert page.locator("#frame").input_value() == stopped
+    assert page.locator("#play").inner_text() == "Play"
+
+
+def test_scenes_by_keyboard_and_failures_in_their_place(watched: Watched) -> None:
+    page = watched.page
+    assert page.locator("#scene h3").first.inner_text() == SCENES[0]
+    page.locator("#scene-list button").first.focus()
+    page.keyboard.press("ArrowRight")
+    assert page.locator("#scene h3").first.inner_text() == SCRIPT
+    assert page.evaluate("document.activeElement.innerText").strip() == SCRIPT
+    assert "percentile of an empty array" in page.locator(".failed").inner_text()
+    page.keyboard.press("ArrowLeft")
+    page.keyboard.press("ArrowLeft")
+    assert page.locator("#scene h3").first.inner_text() == SCENES[2]
+    wait_for_videos(page)
+
+
+def test_the_chart_tells_its_numbers(watched: Watched) -> None:
+    page = watched.page
+    page.locator('#chart .mean[data-method="orca"]').focus()
+    assert page.locator("#tip").inner_text().split("\n") == [
+        "orca",
+        "PSNR, input view (dB): 31.00 (3 scenes)",
+        "s/scene: 4.0",
+    ]
+    page.locator('#chart .mean[data-method="warp"]').hover()
+    assert "warp" in page.locator("#chart-text").inner_text()
+    assert page.locator("#chart .front").get_attribute("points").count(",") == 2  # warp is cheaper, orca better
+    page.select_option("#chart-cost", "bytes")
+    assert "not measured here" in page.locator("#chart-body").inner_text()
+    page.select_option("#chart-quality", "niqe")
+    assert "lower is better" in page.locator("#chart-body").inner_text()
+
+
+def test_stability_cells_say_what_happened(watched: Watched) -> None:
+    page = watched.page
+    page.locator("#stability td button").nth(1).click()
+    assert page.locator("#stability-text").inner_text() == "all sky, warp: crash. IndexError (0.1 s)"
+
+
+def test_nothing_hangs_over_the_side_of_a_phone(file: Path) -> None:
+    with open_page(360, 740, color_scheme="dark", has_touch=True, is_mobile=True) as watched:
+        page = watched.page
+        page.goto(file.as_uri())
+        wait_for_videos(page)
+        assert page.evaluate("document.documentElement.scrollWidth") <= 360
+        light = page.evaluate("getComputedStyle(document.body).backgroundColor")
+        assert light == "rgb(21, 24, 27)"
+        page.locator("#play").tap()
+        until(page, "Number(document.getElementById('frame').value) >= 1")
+        assert watched.errors == []
