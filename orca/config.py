@@ -176,6 +176,7 @@ class DeformConfig:
         rim_ratio, rim_extent: an anchor that reaches over pixels deeper by this ratio is shrunk until it does not,
             to no less than this share; the ratio is that of two layers, so nothing covers what it is not one
             surface with (O).
+        rim_clearance: how many pixels before the centre of the nearest such pixel it ends (O).
         follow_slope: tilt and stretch each Gaussian with the surface it lies on (O).
         max_slope: largest relative depth change per unit of image tangent that is still one surface (O).
         max_iterations: fine-tuning steps at most (P: 20,000).
@@ -193,6 +194,7 @@ class DeformConfig:
     edge_density: float = 10.0
     rim_ratio: float = 1.05
     rim_extent: float = 0.5
+    rim_clearance: float = 0.25
     follow_slope: bool = True
     max_slope: float = 4.0
     max_iterations: int = 0

@@ -241,7 +241,8 @@ def _soften_edges(
     soft = near_depth_edge(depth, grid.pixels, 2 * grid.spacing, config.deform.edge_ratio)
     soft &= on_near_side(depth, grid.pixels)
     reach = math.sqrt(config.render.chi2) * config.planar.kappa * grid.spacing
-    anchors = shrink_rims(anchors, grid.pixels, reach, depth, config.deform.rim_ratio, config.deform.rim_extent)
+    rims = (config.deform.rim_ratio, config.deform.rim_extent, config.deform.rim_clearance)
+    anchors = shrink_rims(anchors, grid.pixels, reach, depth, *rims)
     features = anchors.features.clone()
     features[torch.from_numpy(soft), DENSITY_CHANNEL] = density_feature(
         config.deform.edge_density, config.planar.density

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from orca.conventions import Float32Array, Float64Array
 from orca.repair.components import BoolArray
+from orca.repair.freespace import inward_angle, nearest_hole_pixels, seen_through
 
 __all__ = ["background_pixels"]
 
@@ -19,9 +20,6 @@ LOCAL_SPAN = 0.12
 
 ACROSS_RATIO = 1.1
 """O. A pixel is in front of what lies across the hole if its inverse depth is this many times larger."""
-
-ACROSS_RATIO_LEAST = 1.06
-"""O. A pixel is in front of the hole's content if that must be this many times farther."""
 
 SILHOUETTE = 2
 """O. Pixels this close to the foreground are blended with it and are no donors."""
@@ -40,8 +38,7 @@ def background_pixels(
     A disocclusion always has a far side; ground that merely comes closer has none, nor has what the image border
     cuts off. A percentile of the whole ring, which the paper uses, keeps one corner of a tilted background.
 
-    With ``least``, what the input saw decides instead: a pixel is foreground if, somewhere across the hole from it,
-    nothing can lie as near as it does.
+    With ``least``, what the input saw through decides instead (`seen_through`).
 
     Args:
         depth: positive z-depth where ``ring`` is set, [h, w].
@@ -55,11 +52,10 @@ def background_pixels(
     """
     if not ring.any():
         return ring.copy()
+    if least is not None:
+        return np.asarray(ring & ~_widened(seen_through(depth, ring, hole, least)))
     inverse = np.zeros(ring.shape, np.float32)
     inverse[ring] = 1.0 / depth[ring]
-    if least is not None:
-        foreground = ring & (depth * ACROSS_RATIO_LEAST < _least_across(least, ring, hole))
-        return np.asarray(ring & ~_widened(foreground))
     thickness = 2.0 * float(cv2.distanceTransform(np.pad(hole, 1).astype(np.uint8), cv2.DIST_L2, 5).max())
     near = _locally_near(inverse, ring, int(thickness) + 2 * reach)
     if not near.any():
@@ -71,40 +67,6 @@ def background_pixels(
 def _widened(foreground: BoolArray) -> BoolArray:
     side = 2 * SILHOUETTE + 1
     return cv2.dilate(foreground.astype(np.uint8), np.ones((side, side), np.uint8)).astype(bool)
-
-
-def _least_across(least: Float32Array, ring: BoolArray, hole: BoolArray) -> Float64Array:
-    """The largest of the least depths that each ring pixel sees through the hole, [h, w]; 0 where it sees none.
-
-    A ring pixel looks from its nearest hole pixel inwards, as in `_across`, and no further than the hole is thick
-    there: along a wedge it does not look to the far end.
-    """
-    y, x, index = _nearest_hole_pixels(ring, hole)
-    thickness = cv2.distanceTransform(np.pad(hole, 1).astype(np.uint8), cv2.DIST_L2, 5)[1:-1, 1:-1]
-    angle = _inward(hole, y, x)
-    seen = least[y, x].astype(np.float64)
-    height, width = ring.shape
-    for turn in _ANGLES:
-        going, thickest = np.ones(len(y), bool), thickness[y, x].copy()
-        for step in range(1, 2 * int(thickness.max()) + 3):
-            px = np.rint(x + np.cos(angle + turn) * step).astype(np.intp).clip(0, width - 1)
-            py = np.rint(y + np.sin(angle + turn) * step).astype(np.intp).clip(0, height - 1)
-            going &= hole[py, px] & (step <= 2.0 * thickest + 2.0)
-            if not going.any():
-                break
-            seen = np.where(going, np.maximum(seen, least[py, px]), seen)
-            thickest = np.where(going, np.maximum(thickest, thickness[py, px]), thickest)
-    result = np.zeros(ring.shape)
-    result[ring] = seen[index]
-    return result
-
-
-def _inward(hole: BoolArray, y: NDArray[np.intp], x: NDArray[np.intp]) -> Float64Array:
-    """Direction of the hole's inward normal at hole pixels, in radians, [n]."""
-    smooth = cv2.GaussianBlur(hole.astype(np.float32), (0, 0), 3.0, borderType=cv2.BORDER_REPLICATE)
-    nx = cv2.Sobel(smooth, cv2.CV_32F, 1, 0)[y, x]
-    ny = cv2.Sobel(smooth, cv2.CV_32F, 0, 1)[y, x]
-    return np.asarray(np.arctan2(ny, nx), np.float64)
 
 
 def _locally_near(inverse: Float32Array, ring: BoolArray, radius: int) -> BoolArray:
@@ -130,8 +92,8 @@ def _across(inverse: Float32Array, ring: BoolArray, hole: BoolArray, length: flo
 
     A ring pixel looks from its nearest hole pixel along the hole's inward normal there, and to both sides of it.
     """
-    y, x, index = _nearest_hole_pixels(ring, hole)
-    angle = _inward(hole, y, x)[:, None]
+    y, x, index = nearest_hole_pixels(ring, hole)
+    angle = inward_angle(hole, y, x)[:, None]
     steps = np.arange(2.0, length, max(2.0, length / _MAX_STEPS))
     seen = np.full(len(y), np.inf)
     height, width = ring.shape
@@ -147,17 +109,3 @@ def _across(inverse: Float32Array, ring: BoolArray, hole: BoolArray, length: flo
     result = np.full(ring.shape, np.inf)
     result[ring] = seen[index]
     return result
-
-
-def _nearest_hole_pixels(
-    ring: BoolArray, hole: BoolArray
-) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.intp]]:
-    """(y, x) of the hole pixels that are nearest to some ring pixel, and for each ring pixel the index of its one."""
-    _, labels = cv2.distanceTransformWithLabels(
-        (~hole).astype(np.uint8), cv2.DIST_L2, 5, labelType=cv2.DIST_LABEL_PIXEL
-    )
-    y, x = np.nonzero(hole)
-    position = np.zeros(int(labels.max()) + 1, np.intp)
-    position[labels[y, x]] = np.arange(len(y))
-    used, index = np.unique(position[labels[ring]], return_inverse=True)
-    return y[used], x[used], index.astype(np.intp)

@@ -89,8 +89,14 @@ def connected_components(mask: BoolArray, min_area: int = 1, bridge: int = 0) ->
 
 def drop_small(mask: BoolArray, min_area: int, bridge: int = 0) -> BoolArray:
     """The mask [H, W] without the components that `connected_components` would leave out."""
-    labels, _, areas = _label(mask, bridge)
-    return np.asarray(np.concatenate([[False], areas >= min_area])[labels])
+    kept = np.zeros_like(mask)
+    if mask.any():
+        # Labelling costs by the pixel: only the part that holds something is looked at.
+        x, y, width, height = cv2.boundingRect(mask.astype(np.uint8))
+        inside = np.s_[y : y + height, x : x + width]
+        labels, _, areas = _label(mask[inside], bridge)
+        kept[inside] = np.concatenate([[False], areas >= min_area])[labels]
+    return kept
 
 
 def _label(mask: BoolArray, bridge: int) -> tuple[NDArray[np.int32], NDArray[np.int64], NDArray[np.int64]]:

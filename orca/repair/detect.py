@@ -11,7 +11,7 @@ from orca.errors import BadInput
 from orca.repair.components import BoolArray
 from orca.repair.rules import RepairRules
 
-__all__ = ["disocclusion_area", "disocclusion_mask"]
+__all__ = ["disocclusion_area", "disocclusion_mask", "mask_reach"]
 
 
 def disocclusion_mask(alpha: Float32Array, depth: Float32Array, rules: RepairRules) -> BoolArray:
@@ -49,6 +49,11 @@ def disocclusion_mask(alpha: Float32Array, depth: Float32Array, rules: RepairRul
         around = cv2.dilate(missing, np.ones((side, side), np.uint8)).astype(bool)
         missing |= (around & ~(alpha >= rules.edge_alpha)).astype(np.uint8)
     return missing.astype(bool)
+
+
+def mask_reach(rules: RepairRules) -> int:
+    """How far, in pixels, a change of coverage can change the mask: through the closing and the edge beside it."""
+    return 2 * rules.closing_radius + rules.edge_reach
 
 
 def disocclusion_area(mask: BoolArray, min_area: int = 1) -> int:

@@ -212,9 +212,7 @@ def _background_fill(crop: _Crop, component: Component, rules: RepairRules, sche
     rgb, inverse = _smooth_colours(crop, donors, rules), _membrane_inverse_depth(crop, donors)
     how = "background" if foreground.any() else "all"
     if scheme == "structure":
-        inverse_depth = np.where(source, 1.0 / np.where(source, crop.depth, 1.0), 0.0).astype(np.float32)
-        patch = ExemplarRules(rules.patch_radius, rules.patch_matches)
-        made = continue_structure(crop.rgb, inverse_depth, source, crop.hole, patch)
+        made = _structure_fill(crop, source, rules)
         if made is None:
             scheme = "smooth"
         else:
@@ -228,6 +226,21 @@ def _background_fill(crop: _Crop, component: Component, rules: RepairRules, sche
         scheme=f"{scheme}:{how}",
         depth_threshold=float(crop.depth[donors].min()),
     )
+
+
+def _structure_fill(
+    crop: _Crop, source: BoolArray, rules: RepairRules
+) -> tuple[Float32Array, Float32Array, BoolArray] | None:
+    """Colour and inverse depth from patches (`continue_structure`).
+
+    The pixels that touch the hole are blended with the foreground that hid it: they are neither copied nor believed,
+    but filled along with the hole.
+    """
+    blended = source & (crop.distance < rules.ring_inner)
+    trusted = source & ~blended
+    inverse = np.where(trusted, 1.0 / np.where(trusted, crop.depth, 1.0), 0.0).astype(np.float32)
+    patch = ExemplarRules(rules.patch_radius, rules.patch_matches)
+    return continue_structure(crop.rgb, inverse, trusted, crop.hole | blended, patch)
 
 
 def _smooth_colours(crop: _Crop, donors: BoolArray, rules: RepairRules) -> Float32Array:

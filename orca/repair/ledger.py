@@ -6,10 +6,13 @@ from collections.abc import Iterator
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
+import numpy as np
+
 from orca.errors import BadInput
+from orca.repair.components import BoolArray
 from orca.repair.rules import RepairRules
 
-__all__ = ["LEDGER_SCHEMA_VERSION", "Ledger", "RepairRecord"]
+__all__ = ["LEDGER_SCHEMA_VERSION", "Ledger", "RepairRecord", "run_lengths"]
 
 LEDGER_SCHEMA_VERSION = 1
 
@@ -20,7 +23,7 @@ class RepairRecord:
 
     Attributes:
         iteration: number of the repair in its scene, from 0.
-        view: index of the view in the trajectory.
+        view: index of the view in the trajectory: the watched one with the largest disocclusion.
         area: missing pixels of the component.
         fill: share of its bounding box that is missing.
         bbox: (x0, y0, x1, y1) in pixels, the far ends excluded.
@@ -35,6 +38,10 @@ class RepairRecord:
         milliseconds: wall time of the repair.
         alignment: of a generative repair with estimated depth: "a", "b", "inlier_share", "samples", and the "space"
             of the fit ("depth" or "inverse_depth"); None otherwise.
+        view_area: missing pixels of that view, in components that are large enough.
+        trajectory_area: ... of all watched views together.
+        mask: the component inside its bounding box, row by row, as run lengths that begin with pixels outside it.
+        checking_milliseconds: the part of the wall time in which the watched views were looked at again.
     """
 
     iteration: int
@@ -52,15 +59,35 @@ class RepairRecord:
     coverage_after: float
     milliseconds: float
     alignment: dict[str, Any] | None = None
+    view_area: int = 0
+    trajectory_area: int = 0
+    mask: tuple[int, ...] = ()
+    checking_milliseconds: float = 0.0
+
+    def component(self) -> BoolArray:
+        """The repaired region inside its bounding box, bool; raises `BadInput` where the runs do not fill the box."""
+        x0, y0, x1, y1 = self.bbox
+        runs = np.array(self.mask, np.int64)
+        if (runs < 0).any() or runs.sum() != (y1 - y0) * (x1 - x0):
+            raise BadInput("a ledger mask that does not fill its box", "run lengths of the whole box", "run it again")
+        return np.repeat(np.arange(len(runs)) % 2 == 1, runs).reshape(y1 - y0, x1 - x0)
 
     @staticmethod
     def from_json(row: dict[str, Any]) -> RepairRecord:
         """Read a row that `Ledger.to_json` wrote."""
         try:
             x0, y0, x1, y1 = row["bbox"]
-            return RepairRecord(**{**row, "bbox": (x0, y0, x1, y1)})
+            return RepairRecord(**{**row, "bbox": (x0, y0, x1, y1), "mask": tuple(row.get("mask", ()))})
         except (KeyError, TypeError, ValueError) as error:
             raise BadInput(f"a ledger row that does not read: {error}", "rows of schema 1", "write it again") from error
+
+
+def run_lengths(mask: BoolArray) -> tuple[int, ...]:
+    """A mask row by row as run lengths, the first one (possibly 0) of False."""
+    flat = mask.ravel()
+    ends = np.flatnonzero(np.diff(flat)) + 1
+    runs = np.diff(np.concatenate([[0], ends, [len(flat)]]))
+    return (0, *map(int, runs)) if len(flat) and flat[0] else tuple(map(int, runs))
 
 
 @dataclass(frozen=True)
@@ -73,6 +100,8 @@ class Ledger:
         size: (width, height) of the renders.
         records: the repairs in their order.
         stopped: why the loop ended, in words.
+        views: how many views were watched.
+        render_milliseconds: what rendering them all once took.
     """
 
     rules: RepairRules
@@ -80,6 +109,8 @@ class Ledger:
     size: tuple[int, int]
     records: tuple[RepairRecord, ...] = field(default=())
     stopped: str = ""
+    views: int = 0
+    render_milliseconds: float = 0.0
 
     def __iter__(self) -> Iterator[RepairRecord]:
         return iter(self.records)
@@ -95,7 +126,11 @@ class Ledger:
             "rules": self.rules.to_json(),
             "scaled_rules": self.scaled_rules.to_json(),
             "stopped": self.stopped,
-            "repairs": [{**asdict(record), "bbox": list(record.bbox)} for record in self.records],
+            "views": self.views,
+            "render_milliseconds": self.render_milliseconds,
+            "repairs": [
+                {**asdict(record), "bbox": list(record.bbox), "mask": list(record.mask)} for record in self.records
+            ],
         }
 
     @staticmethod
@@ -114,6 +149,8 @@ class Ledger:
                 size=(width, height),
                 records=tuple(RepairRecord.from_json(row) for row in document["repairs"]),
                 stopped=document["stopped"],
+                views=document.get("views", 0),
+                render_milliseconds=document.get("render_milliseconds", 0.0),
             )
         except (KeyError, TypeError, ValueError) as error:
             raise BadInput(f"a repair ledger that does not read: {error}", "what to_json wrote", "run again") from error

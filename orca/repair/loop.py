@@ -18,21 +18,21 @@ from orca.conventions import Float32Array
 from orca.field.decoders import Decoders
 from orca.render.renderer import Renderer, Rendering
 from orca.repair.components import Component, connected_components, drop_small
-from orca.repair.detect import disocclusion_mask
+from orca.repair.detect import disocclusion_mask, mask_reach
 from orca.repair.donors import FillTarget, local_fill
 from orca.repair.generative import Alignment, GenerativeFailed, GenerativePriors, generative_fill
 from orca.repair.hide import InputSurface, visible_in
 from orca.repair.insert import InsertConfig, new_anchors
-from orca.repair.ledger import Ledger, RepairRecord
+from orca.repair.ledger import Ledger, RepairRecord, run_lengths
 from orca.repair.optimise import LocalTarget, optimise_new
 from orca.repair.rules import Decision, RepairRules, order
-from orca.repair.views import WatchedViews, crop_camera
+from orca.repair.views import Box, WatchedViews, crop_camera, grown
 from orca.threads import map_on_cores, single_threaded_torch
 
 __all__ = ["RepairResult", "repair"]
 
 _RAYS_OPTIMISED = 4000  # at most; a larger hole is optimised on a random part of its pixels
-_INPUT_TOLERANCE = 6 / 255  # change of a pixel of the input view that a repair may cause
+_INPUT_TOLERANCE = 3 / 255  # change of a pixel of the input view that a repair may cause
 _SMALLER = 0.6  # of its size, for a new anchor that would change it
 _DONOR_ALPHA = 0.95
 _BOUNDARY = 3  # pixels around the hole whose appearance is kept
@@ -80,7 +80,8 @@ def repair(
     loop.priors = priors
     with single_threaded_torch():
         records, stopped = loop.run()
-    ledger = Ledger(config.rules, rules, (first.width, first.height), tuple(records), stopped)
+    whole = 1e3 * loop.views.seconds
+    ledger = Ledger(config.rules, rules, (first.width, first.height), tuple(records), stopped, len(cameras), whole)
     return RepairResult(loop.anchors, ledger)
 
 
@@ -124,14 +125,18 @@ class _Loop:
         self.shadow = InputSurface.sharp(wide, seen.depth, seen.alpha)
         # Pixels of a component that was repaired once and stays open: looked at again, they would be tried for ever.
         self.given_up = [np.zeros((c.height, c.width), bool) for c in cameras]
-        self.missing = [self._missing(i) for i in range(len(cameras))]
+        self.open = [np.zeros((c.height, c.width), bool) for c in cameras]  # missing, components of any size
+        self.missing = [self._missing(i, (0, 0, c.width, c.height)) for i, c in enumerate(cameras)]
+
+        self.areas: list[int] = []
 
     def run(self) -> tuple[list[RepairRecord], str]:
         """Repair until nothing large enough is missing or the iteration limit is reached."""
         records: list[RepairRecord] = []
         while len(records) < self.rules.max_iterations:
             self.progress("repair", len(records), self.rules.max_iterations)
-            view = int(np.argmax([m.sum() for m in self.missing]))
+            self.areas = [int(np.count_nonzero(m)) for m in self.missing]
+            view = int(np.argmax(self.areas))
             components = connected_components(self.missing[view], self.rules.min_component_area, self.rules.bridge)
             if not components:
                 return records, "no disocclusion of the smallest area is left"
@@ -141,36 +146,38 @@ class _Loop:
             records.append(self._repair_one(len(records), view, component, decision))
         return records, f"the limit of {self.rules.max_iterations} repairs was reached"
 
-    def _missing(self, view: int) -> NDArray[np.bool_]:
+    def _missing(self, view: int, changed: Box) -> NDArray[np.bool_]:
         """Missing pixels of a view in components that are large enough, without those given up.
 
-        A view that sees nothing of the scene has nothing to fill its hole from: none of it counts.
+        Only around what has changed is the view looked at again. A view that sees nothing of the scene has nothing to
+        fill its hole from: none of it counts.
         """
-        rendered = self.views.rendered[view]
-        if not (rendered.alpha >= self.rules.alpha_threshold).any():
-            return np.zeros_like(self.given_up[view])
-        mask = disocclusion_mask(rendered.alpha, rendered.depth, self.rules) & ~self.given_up[view]
-        return drop_small(mask, self.rules.min_component_area, self.rules.bridge)
+        rendered, camera = self.views.rendered[view], self.views.cameras[view]
+        reach = mask_reach(self.rules)
+        inner, outer = grown(changed, reach, camera), grown(changed, 2 * reach, camera)
+        window = np.s_[outer[1] : outer[3], outer[0] : outer[2]]
+        mask = disocclusion_mask(rendered.alpha[window], rendered.depth[window], self.rules)
+        mask = mask[inner[1] - outer[1] : inner[3] - outer[1], inner[0] - outer[0] : inner[2] - outer[0]]
+        target = np.s_[inner[1] : inner[3], inner[0] : inner[2]]
+        self.open[view][target] = mask & ~self.given_up[view][target]
+        if self.open[view].all():
+            return np.zeros_like(self.open[view])
+        return drop_small(self.open[view], self.rules.min_component_area, self.rules.bridge)
 
     def _repair_one(self, iteration: int, view: int, component: Component, decision: Decision) -> RepairRecord:
         started = time.perf_counter()
         camera, before = self.views.cameras[view], self.views.rendered[view]
         whole = component.full_mask(camera.height, camera.width)
+        view_area, trajectory_area = self.areas[view], sum(self.areas)
         coverage_before = float(before.alpha[whole].mean())
         fill, decision, alignment = self._fill(before, component, camera, decision)
         generative = decision.kind == "generative"
         rules = replace(self.rules, max_anchors=self.config.generative.max_anchors) if generative else self.rules
         new = new_anchors(fill, camera, self.anchors, self.decoders, rules, self.insert_config, self.surface)
         new = self._invisible_in_input(self._optimised(new, component, fill, view))
-        touched = [view]
-        if len(new):
-            self.anchors = GaussianAnchors.concatenate(self.anchors, new)
-            touched = sorted({view, *self.views.insert(new)})
-            self.input_view.insert(new)
-        after = self.views.rendered[view]
-        self.given_up[view] |= whole & disocclusion_mask(after.alpha, after.depth, self.rules)
-        for i, missing in zip(touched, map_on_cores(self._missing, touched), strict=True):
-            self.missing[i] = missing
+        checking = time.perf_counter()
+        self._insert(new, view, component.bbox, whole)
+        checked, after = time.perf_counter(), self.views.rendered[view]
         return RepairRecord(
             iteration=iteration,
             view=self.indices[view],
@@ -186,8 +193,25 @@ class _Loop:
             coverage_before=coverage_before,
             coverage_after=float(after.alpha[whole].mean()),
             milliseconds=1e3 * (time.perf_counter() - started),
+            view_area=view_area,
+            trajectory_area=trajectory_area,
+            mask=run_lengths(component.mask),
+            checking_milliseconds=1e3 * (checked - checking),
             alignment=None if alignment is None else alignment.to_json(),
         )
+
+    def _insert(self, new: GaussianAnchors, view: int, bbox: Box, component: NDArray[np.bool_]) -> None:
+        """Add anchors to the scene and look at the whole trajectory again, where they can be seen."""
+        touched: dict[int, Box] = {}
+        if len(new):
+            self.anchors = GaussianAnchors.concatenate(self.anchors, new)
+            touched = self.views.insert(new)
+            self.input_view.insert(new)
+        views = sorted(touched)
+        for i, missing in zip(views, map_on_cores(lambda i: self._missing(i, touched[i]), views), strict=True):
+            self.missing[i] = missing
+        self.given_up[view] |= component & self.open[view]
+        self.missing[view] = self._missing(view, bbox)
 
     def _invisible_in_input(self, new: GaussianAnchors) -> GaussianAnchors:
         """The new anchors, smaller where they would change the input view, and without those that still do."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Sequence
 
 import numpy as np
@@ -12,7 +13,7 @@ from orca.camera import Camera
 from orca.render.renderer import Renderer, Rendering
 from orca.threads import map_on_cores
 
-__all__ = ["Box", "WatchedViews", "crop_camera"]
+__all__ = ["Box", "WatchedViews", "crop_camera", "grown"]
 
 Box = tuple[int, int, int, int]  # x0, y0, x1, y1 in pixels, the far ends excluded
 
@@ -40,26 +41,28 @@ class WatchedViews:
         self.rendered: list[Rendering] = []
         self.boxes: list[NDArray[np.int32]] = []
         self.pixels_rendered_again = [0] * len(self.cameras)
+        started = time.perf_counter()
         for i, camera in enumerate(self.cameras):
             self.rendered.append(renderer.render(camera))
             self.boxes.append(renderer.boxes(camera))
             progress(i + 1, len(self.cameras))
+        self.seconds = time.perf_counter() - started  # what rendering all views costs
 
-    def insert(self, new: GaussianAnchors) -> list[int]:
-        """Add anchors to the scene and bring every view they touch up to date; returns those views' indices."""
+    def insert(self, new: GaussianAnchors) -> dict[int, Box]:
+        """Add anchors to the scene and bring every view they touch up to date; returns what was rendered again."""
         alone = Renderer(new, self.renderer.decoders, self.renderer.config, self.renderer.device)
         self.renderer = self.renderer.extended(alone)
 
-        def update(index: int) -> bool:
+        def update(index: int) -> Box | None:
             boxes = alone.boxes(self.cameras[index])
             self.boxes[index] = np.concatenate([self.boxes[index], boxes])
             around = _around(boxes)
             if around is not None:
                 self._render_again(index, around)
-            return around is not None
+            return around
 
         touched = map_on_cores(update, range(len(self.cameras)))
-        return [index for index, yes in enumerate(touched) if yes]
+        return {index: box for index, box in enumerate(touched) if box is not None}
 
     def footprint(self, new: GaussianAnchors, view: int = 0) -> Box | None:
         """Box around everything that some new anchors can touch in a view; None if nothing."""
@@ -85,6 +88,12 @@ def _around(boxes: NDArray[np.int32]) -> Box | None:
         return None
     low, high = boxes[:, :2].min(0), boxes[:, 2:].max(0)
     return int(low[0]), int(low[1]), int(high[0]), int(high[1])
+
+
+def grown(box: Box, by: int, camera: Camera) -> Box:
+    """A box, larger by so many pixels on every side, within the view."""
+    x0, y0, x1, y1 = box
+    return max(0, x0 - by), max(0, y0 - by), min(camera.width, x1 + by), min(camera.height, y1 + by)
 
 
 def crop_camera(camera: Camera, box: Box) -> Camera:

@@ -26,6 +26,7 @@ def shrink_rims(
     depth: Float32Array,
     edge_ratio: float,
     least: float,
+    clearance: float = 0.0,
 ) -> GaussianAnchors:
     """Anchors whose footprints end before the nearest pixel that lies behind them.
 
@@ -36,24 +37,28 @@ def shrink_rims(
         depth: z-depth over the canvas, [H, W].
         edge_ratio: a pixel lies behind an anchor if it is deeper by this ratio.
         least: extents are never scaled by less than this, so that the rim stays closed.
+        clearance: how many pixels before that pixel's centre they end. The input view does not tell: what covers the
+            gap between two pixel centres shows only from elsewhere, as a rim of foreground on the background.
     """
-    scale = _scales(pixels, reach, depth, edge_ratio)
+    scale = _scales(pixels, reach, depth, edge_ratio, clearance)
     smaller = torch.from_numpy(2 * np.log(np.maximum(scale, least))).float()
     return replace(anchors, log_variances=anchors.log_variances + smaller[:, None])
 
 
 @kernel(error_model="numpy")
-def _scales(pixels: Float64Array, reach: Float64Array, depth: Float32Array, edge_ratio: float) -> Float64Array:
-    """Distance to the nearest pixel centre that lies behind each anchor over its reach, at most 1, [N]."""
+def _scales(
+    pixels: Float64Array, reach: Float64Array, depth: Float32Array, edge_ratio: float, clearance: float
+) -> Float64Array:
+    """Distance to the nearest pixel centre that lies behind each anchor, less the clearance, over its reach, [N]."""
     height, width = depth.shape
     out = np.ones(len(pixels))
     for i in numba.prange(len(pixels)):
         x, y, r = pixels[i, 0], pixels[i, 1], reach[i]
         own = depth[min(max(int(y), 0), height - 1), min(max(int(x), 0), width - 1)]
-        nearest = r * r
+        nearest = (r + clearance) ** 2
         for row in range(max(0, int(np.ceil(y - r - 0.5))), min(height, int(np.floor(y + r - 0.5)) + 1)):
             for column in range(max(0, int(np.ceil(x - r - 0.5))), min(width, int(np.floor(x + r - 0.5)) + 1)):
                 if depth[row, column] > edge_ratio * own:
                     nearest = min(nearest, (row + 0.5 - y) ** 2 + (column + 0.5 - x) ** 2)
-        out[i] = np.sqrt(nearest) / r
+        out[i] = max(0.0, np.sqrt(nearest) - clearance) / r
     return out
