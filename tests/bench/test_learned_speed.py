@@ -24,9 +24,9 @@ def test_the_line_and_the_json_say_the_same() -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize(("case", "ways"), [("musiq", 1), ("clipiqa", 2)])
 def test_the_ways_score_alike(case: str, ways: int) -> None:
-    found = measure_learned_speed(case, frames=2, side=64, threads=1, at_once=1)
+    found = measure_learned_speed(case, frames=1, side=64, threads=1, at_once=1)
     assert len(found) == ways
     for speed in found:
-        assert (speed.frames, len(speed.theirs), len(speed.ours)) == (2, 2, 2)
+        assert (speed.frames, len(speed.theirs), len(speed.ours)) == (1, 1, 1)
         assert speed.largest_difference < 1e-4
         assert np.isfinite(speed.to_json()["ratio"]["wall"])

@@ -134,18 +134,16 @@ def test_the_local_model_answers_as_vistadreams_program_would(tmp_path: Path) ->
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("says", "value"), [("Yes", 1.0), ("maybe", 0.0)])
-def test_a_folder_of_weights_to_scores_and_back_without_the_model(says: str, value: float, tmp_path: Path) -> None:
-    save_tiny_llava(tmp_path / BAKLLAVA.name, says)
+def test_a_folder_of_weights_to_scores_and_back_without_the_model(tmp_path: Path) -> None:
+    save_tiny_llava(tmp_path / BAKLLAVA.name, "Yes")
     frames = np.stack([noise_image(20, 24, 1), noise_image(20, 24, 1), np.zeros((20, 24, 3), np.uint8)])
     options = MetricOptions(answers=tmp_path / "answers.jsonl")
     metric = Llava()
     metric.configure(options)
     found = metric.compute(given(frames, tmp_path))
     for score in found.values():
-        assert (score.value, score.n) == (value, 3)
-        assert score.detail["answers"] == [" ".join([says] * 200)] * 3
-        assert score.detail["unparsed"] == (3 if says == "maybe" else 0)
+        assert (score.value, score.n) == (1.0, 3)
+        assert score.detail["answers"] == [" ".join(["Yes"] * 200)] * 3
     assert len((tmp_path / "answers.jsonl").read_text().splitlines()) == 2 * 5
     digest = metric.specs(tmp_path)[0].weights_sha256
     assert digest is not None

@@ -53,7 +53,7 @@ def test_equals_pyiqa_on_every_kind_of_frame(reference: Any, weights: Path, musi
     assert np.ptp(expected) > 1  # the scores are apart by much more than the tolerance
 
 
-@pytest.mark.parametrize(("height", "width"), [(300, 40), (1, 1), (1, 447)])
+@pytest.mark.parametrize(("height", "width"), [(300, 40), (1, 447)])
 def test_equals_pyiqa_at_odd_sizes(reference: Any, weights: Path, musiq: Musiq, height: int, width: int) -> None:
     frames = noise_image(height, width)[None]
     found = musiq.compute(given(frames, weights))["musiq"]
