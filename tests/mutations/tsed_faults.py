@@ -87,7 +87,7 @@ _DISTANCE = (
 )
 
 _DETECTION = (
-    Fault("no half pixel", _SIFT, "np.float64) + PIXEL_CENTRE", "np.float64)", _FEATURES),
+    Fault("no half pixel", _SIFT, ".reshape(-1, 2) + PIXEL_CENTRE", ".reshape(-1, 2)", _FEATURES),
     Fault("SIFT biased by a quarter pixel", _SIFT, "upscale=True", "upscale=False", _FEATURES),
     Fault("SIFT without the root", _SIFT, "np.sqrt(raw / total)", "raw / total", _FEATURES),
     Fault("the cap keeps small scales", _SIFT, "np.argsort(-size", "np.argsort(size", _FEATURES),
