@@ -23,6 +23,7 @@ from bench.datasets.case import SceneCase
 from bench.trajectories import Trajectory
 from orca.errors import BadInput, OrcaError
 from orca.images import load_image
+from orca.video import read_video
 
 __all__ = ["SceneReport", "detected", "inspect_scene", "scene_names"]
 
@@ -157,12 +158,14 @@ def _frames(spec: ExternalSpec, report: SceneReport, case: SceneCase | None) -> 
 
 def _video(spec: ExternalSpec, report: SceneReport, case: SceneCase | None) -> None:
     file = scene_file(spec.path, report.scene, ".mp4", "video")
-    _note_facts(report, video_facts(file), file)
+    facts = video_facts(file)
+    _note_facts(report, facts, file)
     cameras = video_cameras(file)
     _note_cameras(report, cameras)
     if report.frames != len(cameras):
         raise BadInput(f"{report.frames} frames and {len(cameras)} cameras", "one frame a camera", "write both again")
     _match(cameras, case, file)
+    read_video(file, (facts.frames - 1,))  # decodes all of it and keeps one frame
 
 
 def _note_facts(report: SceneReport, facts: VideoFacts, file: Path) -> None:
@@ -179,6 +182,7 @@ def _run_video(spec: ExternalSpec, report: SceneReport, case: SceneCase | None) 
             raise BadInput(f"{facts.frames} frames", f"{len(case.trajectory)}, as the path", "render along this path")
         like_it = np.zeros((1, facts.height, facts.width, 3), np.uint8)
         unstretched(like_it, case.camera.width, case.camera.height, file.name)
+    read_video(file, (facts.frames - 1,))
 
 
 def _splats(spec: ExternalSpec, report: SceneReport, case: SceneCase | None) -> None:

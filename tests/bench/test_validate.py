@@ -110,6 +110,20 @@ def test_every_kind_is_recognised(frames: Path, tmp_path: Path, capsys: pytest.C
     assert "98 frames and 99 cameras" in document["scenes"][0]["problem"]  # type: ignore[index]
 
 
+def test_a_damaged_video_is_found(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Its packets can be counted; its pictures cannot be decoded."""
+    noise = np.random.default_rng(0).integers(0, 255, (20, 64, 64, 3), np.uint8)
+    file = tmp_path / "r" / "wall" / "video_rgb.mp4"
+    write_video(file, noise)
+    content = bytearray(file.read_bytes())
+    middle = len(content) // 2
+    content[middle : middle + 20_000] = b"\0" * len(content[middle : middle + 20_000])
+    file.write_bytes(bytes(content))
+    code, document = answer(capsys, "validate", tmp_path / "r")
+    assert (code, document["scenes"][0]["frames"]) == (1, 20)  # type: ignore[index]
+    assert "unreadable video" in document["scenes"][0]["problem"]  # type: ignore[index]
+
+
 def test_an_orca_scene(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (tmp_path / "s").mkdir()
     (tmp_path / "s" / "one.safetensors").write_bytes(b"not one")
