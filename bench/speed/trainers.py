@@ -3,24 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from functools import partial
 from typing import Protocol
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 from torch import Tensor
 
 from bench.speed.case import Backend
 from orca.anchors import GaussianAnchors
-from orca.camera import Camera
 from orca.config import RenderConfig, TrainConfig
 from orca.field.decoders import Decoders
 from orca.field.hashing import HashEncoding
-from orca.render.hits import HitList
 from orca.render.reference import render_rays
 from orca.stages.observations import Observation
-from orca.stages.train import Trainable, TrainPlan, TrainResult, train
+from orca.stages.train import Trainable, TrainPlan, TrainResult, ViewRays, train
 
 __all__ = ["Trainer", "trained_backends", "trainer"]
 
@@ -43,17 +41,16 @@ class Trainer(Protocol):
 
 
 def _render_padded(
-    model: Trainable,
-    decoders: Decoders,
-    camera: Camera,
-    hits: HitList,
-    rays: NDArray[np.int64],
-    config: RenderConfig,
-) -> tuple[Tensor, Tensor]:
+    model: Trainable, decoders: Decoders, views: Sequence[ViewRays], config: RenderConfig
+) -> list[tuple[Tensor, Tensor]]:
     """A batch through the reference renderer: every anchor is prepared, every ray padded to the longest."""
-    pixels = torch.from_numpy(np.stack([rays % camera.width + 0.5, rays // camera.width + 0.5], 1)).float()
-    rgb, alpha, _ = render_rays(model.anchors(), decoders, camera, pixels, torch.from_numpy(hits.padded(rays)), config)
-    return rgb, alpha
+    images = []
+    for camera, hits, rays in views:
+        anchors = replace(model.parameters_as_anchors(), features=model.start.features + model.encoding.formula())
+        pixels = torch.from_numpy(np.stack([rays % camera.width + 0.5, rays // camera.width + 0.5], 1)).float()
+        rgb, alpha, _ = render_rays(anchors, decoders, camera, pixels, torch.from_numpy(hits.padded(rays)), config)
+        images.append((rgb, alpha))
+    return images
 
 
 _TRAINERS: dict[Backend, Trainer] = {"fast": train, "reference": partial(train, render_batch=_render_padded)}

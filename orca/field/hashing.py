@@ -69,6 +69,12 @@ class HashEncoding(nn.Module):
         if self.table.device.type == "cpu" and self.table.dtype == torch.float32:
             features: Tensor = _Interpolate.apply(self.table, rows, weights)
             return features
+        return self.formula(index)
+
+    def formula(self, index: Tensor | None = None) -> Tensor:
+        """The same in plain torch operations: what the compiled look-up is held to, and the path of other devices."""
+        rows = self.rows if index is None else self.rows.index_select(0, index)
+        weights = self.weights if index is None else self.weights.index_select(0, index)
         looked_up = self.table.index_select(0, rows.flatten()).view(*rows.shape, -1)  # [N, levels, 4, 2]
         return (looked_up * weights[..., None]).sum(2).flatten(1)
 
@@ -83,7 +89,7 @@ class _Interpolate(torch.autograd.Function):
         return torch.from_numpy(_interpolate(table.detach().numpy(), rows.numpy(), weights.numpy()))
 
     @staticmethod
-    def backward(ctx: FunctionCtx, grad: Tensor) -> tuple[Tensor, None, None]:  # type: ignore[override]
+    def backward(ctx: FunctionCtx, grad: Tensor) -> tuple[Tensor, None, None]:
         rows, weights = ctx.saved_tensors  # type: ignore[attr-defined]
         out = torch.zeros(ctx.size)  # type: ignore[attr-defined]
         _spread(grad.contiguous().numpy(), rows.numpy(), weights.numpy(), out.numpy())

@@ -23,7 +23,7 @@ from orca.render.renderer import Renderer
 from orca.stages.early_stopping import EarlyStopping
 from orca.stages.observations import Observation
 
-__all__ = ["RenderBatch", "TrainPlan", "TrainResult", "Trainable", "train"]
+__all__ = ["RenderBatch", "TrainPlan", "TrainResult", "Trainable", "ViewRays", "train"]
 
 
 @dataclass(frozen=True)
@@ -85,13 +85,16 @@ class Trainable(nn.Module):
         )
 
     def anchors(self) -> GaussianAnchors:
+        return replace(self.parameters_as_anchors(), features=self.start.features + self.encoding())
+
+    def parameters_as_anchors(self) -> GaussianAnchors:
+        """All anchors with the features that the encoding adds to."""
         return replace(
             self.start,
             means=self.means,
             log_variances=self.log_variances,
             quaternions=self.quaternions,
             opacity_logits=self.opacity_logits,
-            features=self.start.features + self.encoding(),
         )
 
     def optimiser(self, decoders: Decoders, plan: TrainPlan, config: TrainConfig) -> torch.optim.Adam:
@@ -108,7 +111,8 @@ class Trainable(nn.Module):
         return torch.optim.Adam(groups, eps=config.adam_eps, fused=True)
 
 
-RenderBatch = Callable[[Trainable, Decoders, Camera, HitList, NDArray[np.int64], RenderConfig], tuple[Tensor, Tensor]]
+ViewRays = tuple[Camera, HitList, NDArray[np.int64]]  # a view, its hits, and which of its rays
+RenderBatch = Callable[[Trainable, Decoders, Sequence[ViewRays], RenderConfig], Sequence[tuple[Tensor, Tensor]]]
 
 
 def train(
@@ -184,37 +188,38 @@ def _batch_loss(
 ) -> Tensor:
     """Loss of one random batch, drawn from the observations in proportion to their size."""
     sizes = np.array([len(o.rays) for o in observed])
+    counts = [max(1, round(config.batch_rays * float(share))) for share in sizes / sizes.sum()]
+    chosen = [
+        torch.randint(len(o.rays), (n,), generator=generator).numpy() for o, n in zip(observed, counts, strict=True)
+    ]
+    views = [(o.camera, h, o.rays[c]) for o, h, c in zip(observed, hits, chosen, strict=True)]
     device = model.means.device
     total = torch.zeros((), device=device)
-    for o, h, share in zip(observed, hits, sizes / sizes.sum(), strict=True):
-        count = max(1, round(config.batch_rays * float(share)))
-        chosen = torch.randint(len(o.rays), (count,), generator=generator).numpy()
-        rays = o.rays[chosen]
-        rgb, alpha = render_batch(model, decoders, o.camera, h, rays, render)
-        behind = torch.rand(count, 3, generator=generator).to(device) if config.random_background else 0.0
-        target = torch.from_numpy(o.colour[chosen]).to(device)
+    for o, c, (rgb, alpha) in zip(observed, chosen, render_batch(model, decoders, views, render), strict=True):
+        behind = torch.rand(len(c), 3, generator=generator).to(device) if config.random_background else 0.0
+        target = torch.from_numpy(o.colour[c]).to(device)
         image = rgb + (1 - alpha)[:, None] * behind
         total = total + F.smooth_l1_loss(image, target, beta=1.0, reduction="sum") / (3 * config.batch_rays)
     return total
 
 
 def _render_flat(
-    model: Trainable,
-    decoders: Decoders,
-    camera: Camera,
-    hits: HitList,
-    rays: NDArray[np.int64],
-    config: RenderConfig,
-) -> tuple[Tensor, Tensor]:
-    """Colour [R, 3] and alpha [R] of some rays of a view; only the anchors they hit are looked at."""
+    model: Trainable, decoders: Decoders, views: Sequence[ViewRays], config: RenderConfig
+) -> list[tuple[Tensor, Tensor]]:
+    """Colour [R, 3] and alpha [R] of some rays of each view; only the anchors they hit are looked at."""
     device = model.means.device
-    pixels = torch.from_numpy(np.stack([rays % camera.width + 0.5, rays // camera.width + 0.5], 1)).float()
-    ray, anchor = hits.flat(rays)
-    used, anchor = np.unique(anchor, return_inverse=True)
-    flat = FlatHits(torch.from_numpy(ray).to(device), torch.from_numpy(anchor).to(device), len(rays))
+    found = [hits.flat(rays) for _, hits, rays in views]
+    used, anchor = np.unique(np.concatenate([a for _, a in found]), return_inverse=True)
     some = model.some(torch.from_numpy(used).to(device))
-    rgb, alpha, _ = render_flat(some, decoders, camera, pixels.to(device), flat, config)
-    return rgb, alpha
+    images, low = [], 0
+    for (camera, _, rays), (ray, mine) in zip(views, found, strict=True):
+        pixels = torch.from_numpy(np.stack([rays % camera.width + 0.5, rays // camera.width + 0.5], 1)).float()
+        own = torch.from_numpy(anchor[low : low + len(mine)])
+        flat = FlatHits(torch.from_numpy(ray).to(device), own.to(device), len(rays))
+        rgb, alpha, _ = render_flat(some, decoders, camera, pixels.to(device), flat, config)
+        images.append((rgb, alpha))
+        low += len(mine)
+    return images
 
 
 def _psnr(model: Trainable, decoders: Decoders, observation: Observation, render: RenderConfig) -> float:
