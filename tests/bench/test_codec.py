@@ -81,6 +81,22 @@ def test_odd_and_tiny_sizes_come_back(size: tuple[int, int]) -> None:
     assert through_codec(np.ascontiguousarray(frames)).shape == frames.shape
 
 
+@pytest.mark.parametrize(("width", "coded"), [(1, 128), (128, 128), (144, 256), (480, 512), (512, 512), (741, 768)])
+def test_rows_are_coded_in_multiples_of_eight_macro_blocks(
+    monkeypatch: pytest.MonkeyPatch, width: int, coded: int
+) -> None:
+    seen = []
+
+    def spy(frames: Images) -> bytes:
+        seen.append(frames.shape)
+        return _encode(frames)
+
+    monkeypatch.setattr("bench.codec._encode", spy)
+    frames = np.full((1, 9, width, 3), 90, np.uint8)
+    assert through_codec(frames).shape == frames.shape
+    assert seen == [(1, 10, coded, 3)]
+
+
 @pytest.mark.parametrize(
     "frames",
     [np.zeros((0, 8, 8, 3), np.uint8), np.zeros((2, 8, 8, 3), np.float32), np.zeros((8, 8, 3), np.uint8)],
