@@ -191,7 +191,7 @@ class DeformConfig:
     denoise_depth: bool = True
     sharpen_depth: bool = True
     edge_ratio: float = 1.12
-    edge_density: float = 10.0
+    edge_density: float = 15.0
     rim_ratio: float = 1.05
     rim_extent: float = 0.5
     rim_clearance: float = 0.25

@@ -123,7 +123,7 @@ def reconstruct(
     run.timed("deform", started)
 
     started = time.perf_counter()
-    anchors, ledger = _stage_repair(lifted, decoders, camera, trajectory, seed, priors, run)
+    anchors, ledger = _stage_repair(lifted, decoders, image, camera, trajectory, seed, priors, run)
     run.timed("repair", started)
 
     stages = torch.bincount(anchors.stage.long(), minlength=len(Stage)).tolist()
@@ -286,6 +286,7 @@ def _train(
 def _stage_repair(
     anchors: GaussianAnchors,
     decoders: Decoders,
+    image: Float32Array,
     input_camera: Camera,
     trajectory: Sequence[Camera],
     seed: int,
@@ -309,6 +310,7 @@ def _stage_repair(
         seed,
         run.progress,
         completes,
+        image,
     )
     run.record["repair_stopped"] = result.ledger.stopped
     return result.anchors, result.ledger.to_json()

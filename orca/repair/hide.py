@@ -13,7 +13,7 @@ from orca.camera import Camera
 from orca.conventions import Float32Array, Float64Array
 from orca.render.renderer import Renderer
 
-__all__ = ["InputSurface", "visible_in"]
+__all__ = ["InputSurface", "Trace", "trace_in"]
 
 _MARGIN = 1.01  # a point this much behind a surface is behind it
 _STEPS = 48  # depths tried along a ray
@@ -118,10 +118,38 @@ class InputSurface:
         return np.asarray(~inside | (z > 1.005 * self.depth[row, column]))
 
 
-def visible_in(
-    new: GaussianAnchors, near: Renderer, camera: Camera, before: Float32Array, tolerance: float
-) -> NDArray[np.bool_]:
-    """Which new anchors change the input view, [n].
+@dataclass(frozen=True, eq=False)
+class Trace:
+    """What new anchors change in (a crop of) the input view.
+
+    Attributes:
+        change: largest change of a colour channel of each pixel, [h * w].
+        cost: change of each pixel's squared error against the input image, over all channels, [h * w]; 0 without one.
+        anchors: which of the new anchors each pixel's ray meets, [h * w, K], -1 where there are fewer.
+        count: how many new anchors there are.
+    """
+
+    change: Float32Array
+    cost: Float32Array
+    anchors: NDArray[np.int64]
+    count: int
+
+    def guilty(self, tolerance: float) -> NDArray[np.bool_]:
+        """The new anchors on rays whose pixel changes by more than ``tolerance``, [count]."""
+        found = np.zeros(self.count, bool)
+        met = self.anchors[self.change > tolerance]
+        found[met[met >= 0]] = True
+        return found
+
+    def cost_within(self, tolerance: float) -> float:
+        """Squared error that pixels which change by no more than ``tolerance`` add."""
+        return float(self.cost[self.change <= tolerance].sum())
+
+
+def trace_in(
+    new: GaussianAnchors, near: Renderer, camera: Camera, before: Float32Array, image: Float32Array | None
+) -> Trace:
+    """What new anchors change in the input view.
 
     A soft foreground edge lets through a little of what lies behind it, so being behind the surface is not enough.
 
@@ -129,14 +157,12 @@ def visible_in(
         new: anchors about to be inserted.
         near: renderer of the scene, or of the part of it that the view's crop needs.
         camera: the input camera, or a crop of it that contains all footprints of the new anchors.
-        before: its render without them, [H, W, 3].
-        tolerance: largest change of a colour channel that is let pass.
+        before: its render without them, [h, w, 3].
+        image: the same crop of the input image, [h, w, 3]; None if it is not at hand.
     """
     alone = Renderer(new, near.decoders, near.config, near.device)
     after = near.extended(alone).render(camera).rgb
-    changed = (np.abs(after - before).max(2) > tolerance).ravel()
-    hits = alone.hits(camera)
-    padded = hits.padded(np.flatnonzero(changed))
-    guilty = np.zeros(len(new), bool)
-    guilty[padded[padded >= 0]] = True
-    return guilty
+    cost = np.zeros(after.shape[:2], np.float32)
+    if image is not None:
+        cost = (np.square(np.clip(after, 0, 1) - image) - np.square(np.clip(before, 0, 1) - image)).sum(2)
+    return Trace(np.abs(after - before).max(2).ravel(), cost.ravel(), alone.hits(camera).padded(), len(new))

@@ -21,7 +21,7 @@ from orca.repair.components import Component, connected_components, drop_small
 from orca.repair.detect import disocclusion_mask, mask_reach
 from orca.repair.donors import FillTarget, local_fill
 from orca.repair.generative import Alignment, GenerativeFailed, GenerativePriors, generative_fill
-from orca.repair.hide import InputSurface, visible_in
+from orca.repair.hide import InputSurface, Trace, trace_in
 from orca.repair.insert import InsertConfig, new_anchors
 from orca.repair.ledger import Ledger, RepairRecord, run_lengths
 from orca.repair.optimise import LocalTarget, optimise_new
@@ -32,7 +32,9 @@ from orca.threads import map_on_cores, single_threaded_torch
 __all__ = ["RepairResult", "repair"]
 
 _RAYS_OPTIMISED = 4000  # at most; a larger hole is optimised on a random part of its pixels
-_INPUT_TOLERANCE = 3 / 255  # change of a pixel of the input view that a repair may cause
+_INPUT_TOLERANCE = 6 / 255  # change of a pixel of the input view that a repair may cause ...
+_INPUT_TOLERANCES = tuple(x / 255 for x in (12, 6, 3, 1.5))  # ... tried in turn where the input image is known
+_INPUT_SHARE = 0.01  # of its squared error that all repairs together may add to the input view: 0.043 dB
 _SMALLER = 0.6  # of its size, for a new anchor that would change it
 _DONOR_ALPHA = 0.95
 _BOUNDARY = 3  # pixels around the hole whose appearance is kept
@@ -57,6 +59,7 @@ def repair(
     seed: int = 0,
     progress: Callable[[str, int, int], None] = lambda phase, done, total: None,
     priors: GenerativePriors | None = None,
+    input_image: Float32Array | None = None,
 ) -> RepairResult:
     """Close the disocclusions that a trajectory reveals. The given anchors keep every bit.
 
@@ -71,6 +74,8 @@ def repair(
         seed: of the choice of rays in large repairs.
         progress: called as progress(phase, done, total).
         priors: who completes large regions; None repairs them locally too, and the ledger says so.
+        input_image: the input, [H, W, 3]. Where it is given, all repairs together add 1 % to the input view's squared
+            error at most; without it no pixel of that view changes by more than 6/255.
     """
     indices = watched_indices(len(trajectory), config.views)
     cameras = [trajectory[i] for i in indices]
@@ -78,6 +83,7 @@ def repair(
     rules = config.rules.scaled(first.width, first.height)
     loop = _Loop(anchors, decoders, cameras, indices, rules, config, render, insert, input_camera, seed, progress)
     loop.priors = priors
+    loop.guard(input_image)
     with single_threaded_torch():
         records, stopped = loop.run()
     whole = 1e3 * loop.views.seconds
@@ -129,6 +135,15 @@ class _Loop:
         self.missing = [self._missing(i, (0, 0, c.width, c.height)) for i, c in enumerate(cameras)]
 
         self.areas: list[int] = []
+        self.input_image: Float32Array | None = None
+        self.allowance = 0.0  # squared error that repairs may still add to the input view
+
+    def guard(self, input_image: Float32Array | None) -> None:
+        """Allow what repairs may add to the input view's error."""
+        self.input_image = input_image
+        if input_image is not None:
+            error = np.square(np.clip(self.input_view.rendered[0].rgb, 0, 1) - input_image)
+            self.allowance = _INPUT_SHARE * float(error.sum(dtype=np.float64))
 
     def run(self) -> tuple[list[RepairRecord], str]:
         """Repair until nothing large enough is missing or the iteration limit is reached."""
@@ -215,22 +230,39 @@ class _Loop:
 
     def _invisible_in_input(self, new: GaussianAnchors) -> GaussianAnchors:
         """The new anchors, smaller where they would change the input view, and without those that still do."""
-        guilty = self._guilty(new)
+        trace = self._trace(new)
+        if trace is None:
+            return new
+        guilty = trace.guilty(self._tolerance(trace))
         if not guilty.any():
+            self.allowance -= max(0.0, float(trace.cost.sum()))
             return new
         smaller = torch.from_numpy(np.where(guilty, 2 * np.log(_SMALLER), 0.0).astype(np.float32))
         new = replace(new, log_variances=new.log_variances + smaller[:, None])
-        return new.subset(torch.from_numpy(~self._guilty(new)))
+        trace = self._trace(new)
+        if trace is None:
+            return new
+        tolerance = self._tolerance(trace)
+        self.allowance -= max(0.0, trace.cost_within(tolerance))
+        return new.subset(torch.from_numpy(~trace.guilty(tolerance)))
 
-    def _guilty(self, new: GaussianAnchors) -> NDArray[np.bool_]:
-        """Which new anchors would change the input view, [n]."""
-        box = self.input_view.footprint(new)
+    def _tolerance(self, trace: Trace) -> float:
+        """The largest change of an input pixel for which all that change less add no more than half the allowance."""
+        if self.input_image is None:
+            return _INPUT_TOLERANCE
+        fits = (t for t in _INPUT_TOLERANCES if trace.cost_within(t) <= 0.5 * self.allowance)
+        return next(fits, _INPUT_TOLERANCES[-1])
+
+    def _trace(self, new: GaussianAnchors) -> Trace | None:
+        """What new anchors change in the input view; None if they do not reach it."""
+        box = self.input_view.footprint(new) if len(new) else None
         if box is None:
-            return np.zeros(len(new), bool)
+            return None
         near = self.input_view.renderer.part(self.input_view.reaching(0, box))
-        before = self.input_view.rendered[0].rgb[box[1] : box[3], box[0] : box[2]]
+        window = np.s_[box[1] : box[3], box[0] : box[2]]
+        image = None if self.input_image is None else self.input_image[window]
         camera = crop_camera(self.input_view.cameras[0], box)
-        return visible_in(new, near, camera, before, _INPUT_TOLERANCE)
+        return trace_in(new, near, camera, self.input_view.rendered[0].rgb[window], image)
 
     def _fill(
         self, before: Rendering, component: Component, camera: Camera, decision: Decision
