@@ -58,9 +58,9 @@ def build_work(setting: Setting, backend: Backend, workshop: Workshop) -> Work:
 
 
 def renderer_of(anchors: GaussianAnchors, decoders: Decoders, setting: Setting, backend: Backend) -> Renderer:
-    """A renderer of either backend: on any device but "cpu" the renderer is the reference in torch."""
+    """A renderer of either backend."""
     render = config_for(setting.anchors, setting.mode, setting.width).render
-    return Renderer(anchors, decoders, render, "cpu" if backend == "fast" else "cpu:0")
+    return Renderer(anchors, decoders, render, backend="compiled" if backend == "fast" else "reference")
 
 
 class FrameWork:

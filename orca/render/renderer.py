@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from copy import copy, deepcopy
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 import torch
@@ -17,6 +17,8 @@ from orca.conventions import Float32Array
 from orca.field.decoders import SH_DIM, Decoders, spherical_harmonics
 from orca.render.compact import CompactDecoders
 from orca.render.conics import project_anchors
+from orca.render.expand import expand_hits
+from orca.render.flat import FlatHits, render_flat
 from orca.render.frame import FieldTables, Mode, render_tiles
 from orca.render.hits import HitList
 from orca.render.reference import render_rays
@@ -26,9 +28,12 @@ from orca.threads import map_on_cores, single_threaded_blas
 if TYPE_CHECKING:
     from orca.scene import Scene
 
-__all__ = ["Renderer", "Rendering", "render"]
+__all__ = ["Backend", "Renderer", "Rendering", "render"]
+
+Backend = Literal["compiled", "torch", "reference"]
 
 _PIECES = 16  # shares of the tiles that the cores take one at a time
+_FLAT_RAYS = 1 << 17
 _REFERENCE_RAYS = 16384  # rays a chunk: keeps the padded tensors of the reference path small
 
 
@@ -56,11 +61,20 @@ class Renderer:
         anchors: the anchors.
         decoders: the field's decoders.
         config: how to render.
-        device: "cpu" takes the compiled path; any other torch device takes the reference in torch operations.
+        device: where to render.
+        backend: "compiled" (CPU only), "torch" (any device) or "reference"; by default the first that the device has.
     """
 
-    def __init__(self, anchors: GaussianAnchors, decoders: Decoders, config: RenderConfig, device: str = "cpu") -> None:
+    def __init__(
+        self,
+        anchors: GaussianAnchors,
+        decoders: Decoders,
+        config: RenderConfig,
+        device: str = "cpu",
+        backend: Backend | None = None,
+    ) -> None:
         self.config, self.device = config, device
+        self.backend: Backend = backend or ("compiled" if device == "cpu" else "torch")
         # `Module.to` moves in place: a copy, or the scene's own decoders would leave the CPU with the renderer's.
         self.decoders = decoders if device == "cpu" else deepcopy(decoders).to(device)
         self.anchors = anchors.detached().to(device)
@@ -103,7 +117,8 @@ class Renderer:
 
     def render(self, camera: Camera) -> Rendering:
         """Render one view."""
-        pixels, overflow = self._tiles(camera) if self.device == "cpu" else self._reference(camera)
+        paths = {"compiled": self._tiles, "torch": self._flat, "reference": self._reference}
+        pixels, overflow = paths[self.backend](camera)
         shape = (camera.height, camera.width)
         alpha = pixels[:, 3].reshape(shape)
         rgb = pixels[:, :3].reshape(*shape, 3) + (1 - alpha[..., None]) * np.float32(self.config.background)
@@ -130,6 +145,21 @@ class Renderer:
 
         with single_threaded_blas():
             return out, sum(map_on_cores(work, range(0, tiles, step)))
+
+    def _flat(self, camera: Camera) -> tuple[Float32Array, int]:
+        hits, overflow = expand_hits(self.anchors, camera, self.config)
+        pixels = torch.arange(hits.rays, device=hits.ray.device)
+        pixels = torch.stack([pixels % camera.width + 0.5, pixels // camera.width + 0.5], 1).float()
+        out = []
+        bounds = torch.searchsorted(hits.ray, torch.arange(0, hits.rays + _FLAT_RAYS, _FLAT_RAYS).to(hits.ray))
+        for i, low in enumerate(range(0, hits.rays, _FLAT_RAYS)):
+            rows = slice(int(bounds[i]), int(bounds[i + 1]))
+            some = pixels[low : low + _FLAT_RAYS]
+            part = FlatHits(hits.ray[rows] - low, hits.anchor[rows], len(some))
+            with torch.inference_mode():
+                rgb, alpha, depth = render_flat(self.anchors, self.decoders, camera, some, part, self.config)
+            out.append(torch.cat([rgb, alpha[:, None], depth[:, None]], 1))
+        return torch.cat(out).cpu().numpy(), overflow
 
     def _reference(self, camera: Camera) -> tuple[Float32Array, int]:
         hits = self.hits(camera)

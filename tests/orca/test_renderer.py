@@ -95,7 +95,7 @@ def test_direction_matters_on_that_scene() -> None:
 
 @pytest.mark.parametrize("mode", MODES)
 def test_the_path_of_other_devices_gives_the_same_image(mode: str) -> None:
-    """Any device but "cpu" takes the reference in float32; "cpu:0" is one that is always there."""
+    """Any device but "cpu" takes torch operations; "cpu:0" is one that is always there."""
     anchors, decoders, camera = _scene(1)
     fast = Renderer(anchors, decoders, MODES[mode]).render(camera)
     other = Renderer(anchors, decoders, MODES[mode], device="cpu:0").render(camera)
