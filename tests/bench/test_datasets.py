@@ -37,7 +37,18 @@ def check_case(case: SceneCase) -> None:
 
 
 def test_catalogue() -> None:
-    assert list(DATASETS) == list(DATASET_DESCRIPTIONS) == ["photos", "realmdreamer", "synthetic", "folder"]
+    assert (
+        list(DATASETS)
+        == list(DATASET_DESCRIPTIONS)
+        == [
+            "photos",
+            "realmdreamer",
+            "synthetic",
+            "div2k",
+            "div2k-subset",
+            "folder",
+        ]
+    )
     with pytest.raises(Unknown, match="did you mean 'photos'"):
         open_dataset("photo")
 

@@ -137,7 +137,8 @@ def test_layers_start_where_the_gap_is_wider_than_both_rules_allow() -> None:
         ([1.0, 2.0, 2.01, 5.0], [thin] * 4, [0, 1, 1, 2]),
     ]
     for t, precision, expected in cases:
-        assert layer_index(_hits(t, [0.0] * len(t), precision), LAYERED)[0].tolist() == expected
+        config = replace(LAYERED, layer_gap_relative=0.02)
+        assert layer_index(_hits(t, [0.0] * len(t), precision), config)[0].tolist() == expected
 
 
 def test_layers_are_aggregated_apart() -> None:

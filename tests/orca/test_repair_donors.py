@@ -179,7 +179,7 @@ def test_without_a_ring_the_nearest_valid_pixel_anywhere_is_used() -> None:
     valid[:, 199] = True
     (component,) = connected_components(hole)
     target = local_fill(rgb, depth, valid, component, RULES)
-    assert target.scheme == "smooth:nearest"
+    assert target.scheme == "structure:nearest"
     assert np.unique(target.depth).tolist() == [5.0]
     assert np.unique(target.rgb, axis=0).tolist() == [[0.25, 0.5, 0.75]]
     assert target.donors == 10

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -82,8 +83,10 @@ def test_the_input_view_does_not_pay(unrepaired: Scene, repaired: Reconstruction
     view = input_camera()
     before, after = unrepaired.renderer().render(view).rgb, repaired.scene.renderer().render(view).rgb
     assert float(np.abs(before - after).max()) <= 6 / 255 + 1e-6
-    drop = repaired.record["input_psnr"]["fine_tuned"] - repaired.record["input_psnr"]["final"]
-    assert drop <= 0.05
+    # In 8-bit frames: this scene is fitted to 83 dB, where a change of a thousandth of a grey level is "a drop".
+    errors = [10 ** (-repaired.record["input_psnr"][stage] / 10) for stage in ("fine_tuned", "final")]
+    before_8bit, after_8bit = (error + 1 / (12 * 255**2) for error in errors)
+    assert 10 * math.log10(after_8bit / before_8bit) <= 0.05
 
 
 def test_limits_of_the_paper(repaired: Reconstruction) -> None:

@@ -92,7 +92,7 @@ def test_scaling_worked_by_hand() -> None:
     assert (small.generative_min_area, small.min_component_area) == (2250, 4)
     assert (small.generative_min_side, small.ring_inner, small.ring_outer) == (32, 2, 14)
     scaled = {"min_component_area", "generative_min_area", "generative_min_side", "ring_inner", "ring_outer"}
-    kept = {f.name for f in fields(RULES)} - scaled - {"smooth_ring_inner", "bridge"}
+    kept = {f.name for f in fields(RULES)} - scaled - {"smooth_ring_inner", "bridge", "context", "patch_radius"}
     assert all(getattr(large, name) == getattr(RULES, name) for name in kept)
 
 

@@ -62,8 +62,9 @@ def _compare(anchors: GaussianAnchors, camera: Camera, config: RenderConfig) -> 
 
 def _assert_sorted(hits: HitList) -> None:
     """Every ray's rows are its own, by (t_hit, anchor); which ray's come first is left open."""
-    order = np.argsort(hits.start, kind="stable")
-    ray = np.repeat(np.arange(hits.num_rays), hits.count[order])
+    some = np.flatnonzero(hits.count)
+    order = some[np.argsort(hits.start[some], kind="stable")]
+    ray = np.repeat(np.arange(len(order)), hits.count[order])
     assert len(ray) == len(hits.anchor)  # nothing cut off
     assert (hits.start[order] == np.cumsum(hits.count[order]) - hits.count[order]).all()
     order = np.lexsort((hits.anchor, hits.t_hit, ray))
