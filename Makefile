@@ -15,7 +15,7 @@ bench: $(VENV)/.installed
 	$(BIN)/python -m bench run
 
 test: $(VENV)/.installed
-	$(BIN)/python -m pytest
+	$(BIN)/python -m pytest -n auto --dist loadfile
 
 lint: $(VENV)/.installed
 	$(BIN)/ruff check .
