@@ -71,7 +71,7 @@ class Box:
         axis = np.argmax(np.abs(local) / self.half, axis=1)
         rows = np.arange(len(local))
         u, v = local[rows, (axis + 1) % 3], local[rows, (axis + 2) % 3]
-        return self.texture.colours(u, v) * np.array(_SHADES)[axis][:, None]
+        return np.asarray(self.texture.colours(u, v) * np.array(_SHADES)[axis][:, None])
 
 
 Surfaces = Sequence[Plane | Box]

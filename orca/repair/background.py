@@ -66,7 +66,7 @@ def background_pixels(
 
 def _widened(foreground: BoolArray) -> BoolArray:
     side = 2 * SILHOUETTE + 1
-    return cv2.dilate(foreground.astype(np.uint8), np.ones((side, side), np.uint8)).astype(bool)
+    return np.asarray(cv2.dilate(foreground.astype(np.uint8), np.ones((side, side), np.uint8)), bool)
 
 
 def _locally_near(inverse: Float32Array, ring: BoolArray, radius: int) -> BoolArray:

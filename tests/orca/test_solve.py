@@ -21,9 +21,9 @@ from orca.render.renderer import Renderer
 from orca.render.selector import select_brute_force
 from orca.stages.canvas import Canvas
 from orca.stages.deform import deform
+from orca.stages.linear import linear_view
 from orca.stages.observations import Observation, observations
 from orca.stages.planar import place, planar_anchors
-from orca.stages.linear import linear_view
 from orca.stages.solve import solve_colours
 from tests.orca.stage_inputs import bare_canvas, picture, psnr, view
 
