@@ -23,6 +23,9 @@ from orca.splats.model import Splats
 __all__ = ["SceneViewer", "camera_pose", "write_html"]
 
 _PATH_COLOUR = (120, 150, 190)
+# Half of the scene lies nearer than this many units of the viewer's world. viser keeps covariances in half precision,
+# whose small numbers browsers may take for zero: a pixel's variance in scene radii is 5e-6, here 0.05.
+_MEDIAN_DEPTH = 100.0
 
 
 def camera_pose(camera: Camera) -> tuple[tuple[float, ...], tuple[float, ...], float]:
@@ -64,7 +67,8 @@ class SceneViewer:
         _check_free(host, port)
         self._path, self._fps = tuple(path), fps
         self.server = _server(host, port)
-        self.handles = _add_scene(self.server, splats, camera, self._path)
+        self._unit = _unit(splats, camera)
+        self.handles = _add_scene(self.server, splats, camera, self._path, self._unit)
         self._closed = threading.Event()
         self._add_controls(camera)
         self._player = threading.Thread(target=self._play, daemon=True)
@@ -126,7 +130,8 @@ class SceneViewer:
         wxyz, position, fov = camera_pose(camera)
         for client in self.server.get_clients().values():
             with client.atomic():
-                client.camera.wxyz, client.camera.position, client.camera.fov = wxyz, position, fov
+                client.camera.wxyz, client.camera.fov = wxyz, fov
+                client.camera.position = np.asarray(position) * self._unit
 
     def _play(self) -> None:
         """Advance the slider while Play is on; moving the slider moves the camera."""
@@ -144,7 +149,7 @@ def write_html(splats: Splats, camera: Camera, file: Path) -> int:
     """
     server = _server("127.0.0.1", _free_port())
     try:
-        _add_scene(server, splats, camera, ())
+        _add_scene(server, splats, camera, (), _unit(splats, camera))
         page = server.scene.as_html(dark_mode=True)
     finally:
         _stop(server)
@@ -167,14 +172,20 @@ def _stop(server: Any) -> None:
         server.stop()
 
 
-def _add_scene(server: Any, splats: Splats, camera: Camera, path: Sequence[Camera]) -> dict[str, Any]:
+def _unit(splats: Splats, camera: Camera) -> float:
+    """Units of the viewer's world in one of the scene's."""
+    depth = (splats.means - camera.center) @ camera.rotation[2]
+    ahead = depth[depth > 0]
+    return _MEDIAN_DEPTH / float(np.median(ahead)) if len(ahead) else 1.0
+
+
+def _add_scene(server: Any, splats: Splats, camera: Camera, path: Sequence[Camera], unit: float) -> dict[str, Any]:
     """Put the splats, the path and the first camera into a server; returns the splats' handles by name and count."""
     scene = server.scene
     scene.set_up_direction("-y")
     _, position, fov = camera_pose(camera)
-    ahead = camera.rotation[2] * float(np.median((splats.means @ camera.rotation[2]) if len(splats) else 1.0))
-    server.initial_camera.position = position
-    server.initial_camera.look_at = camera.center + ahead
+    server.initial_camera.position = np.asarray(position) * unit
+    server.initial_camera.look_at = np.asarray(position) * unit + camera.rotation[2] * _MEDIAN_DEPTH
     server.initial_camera.up = -camera.rotation[1]
     server.initial_camera.fov = fov
     handles = {}
@@ -185,14 +196,14 @@ def _add_scene(server: Any, splats: Splats, camera: Camera, path: Sequence[Camer
         name = stage.name.lower()
         handles[f"{name} ({int(chosen.sum()):,})"] = scene.add_gaussian_splats(
             f"/{name}",
-            centers=splats.means[chosen],
-            covariances=splats.covariances()[chosen],
+            centers=splats.means[chosen] * np.float32(unit),
+            covariances=splats.covariances()[chosen] * np.float32(unit) ** 2,
             rgbs=np.clip(splats.colours[chosen], 0, 1),
             opacities=splats.opacities[chosen, None],
         )
     if len(path) > 1:
         places = np.stack([view.center for view in path])
-        scene.add_spline_catmull_rom("/path", points=places, color=_PATH_COLOUR, visible=False)
+        scene.add_spline_catmull_rom("/path", points=places * unit, thickness=0.1, color=_PATH_COLOUR, visible=False)
     return handles
 
 

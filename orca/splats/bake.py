@@ -39,7 +39,9 @@ class BakeConfig:
         input_weight: how much the input view counts against one other view.
         zoom: the input view is also fitted at this many times its resolution, since browsers draw at any size;
             0 leaves that out (1 dB more at the input view's own resolution, 2 dB less at twice of it).
-        min_growth, max_growth: smallest and largest size of a splat over that of its anchor.
+        min_growth, max_growth: smallest and largest size of a splat over that of its anchor ...
+        min_sigma: ... but none is narrower than this many pixels in the input view, even if it has to be larger: some
+            viewers leave out what is small (viser, if alpha times the determinant is under 0.25 px^4).
         start_opacity: opacities start at this or below; an opaque splat has no gradient.
         rate_colour, rate_opacity, rate_growth: learning rates.
     """
@@ -50,6 +52,7 @@ class BakeConfig:
     zoom: float = 2.0
     min_growth: float = 0.25
     max_growth: float = 1.4
+    min_sigma: float = 0.5
     start_opacity: float = 0.95
     rate_colour: float = 0.02
     rate_opacity: float = 0.1
@@ -158,8 +161,10 @@ def _fit(splats: Splats, views: Sequence[_View], config: BakeConfig, progress: P
     start = np.clip(splats.opacities, 0.01, config.start_opacity)
     logits, growth = np.log(start / (1 - start)), np.zeros(len(splats))
     values = np.column_stack([splats.colours, logits, growth]).astype(np.float32)
-    low = np.array([0, 0, 0, -np.inf, np.log(config.min_growth)], np.float32)
-    high = np.array([1, 1, 1, np.inf, np.log(config.max_growth)], np.float32)
+    smallest, largest = _growth_limits(views[0].seen, config)
+    low, high = (np.zeros_like(values) for _ in range(2))
+    low[:, 3:], high[:, :3], high[:, 3:] = -np.inf, 1, np.inf
+    low[:, 4], high[:, 4] = smallest, largest
     rates = np.array([config.rate_colour] * 3 + [config.rate_opacity, config.rate_growth], np.float32)
     first, second = np.zeros_like(values), np.zeros_like(values)
     for step in range(config.steps):
@@ -178,6 +183,16 @@ def _fit(splats: Splats, views: Sequence[_View], config: BakeConfig, progress: P
             progress("bake", step + 1, config.steps)
     colours = np.ascontiguousarray(values[:, :3])
     return replace(splats.grown(values[:, 4]), colours=colours, opacities=_sigmoid(values[:, 3]))
+
+
+def _growth_limits(seen: Footprints, config: BakeConfig) -> tuple[Float32Array, Float32Array]:
+    """Smallest and largest log size of each splat, [N] each."""
+    xx, xy, yy = seen.covariance.astype(np.float64).T
+    narrow = (xx + yy) / 2 - np.hypot((xx - yy) / 2, xy)  # the smaller eigenvalue
+    needed = np.log(config.min_sigma) - 0.5 * np.log(np.maximum(narrow, 1e-12))
+    largest = np.log(config.max_growth)
+    smallest = np.clip(needed, np.log(config.min_growth), largest)
+    return smallest.astype(np.float32), np.full(len(narrow), largest, np.float32)
 
 
 def _sigmoid(logits: Float32Array) -> Float32Array:
