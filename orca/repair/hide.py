@@ -16,6 +16,7 @@ from orca.render.renderer import Renderer
 __all__ = ["InputSurface", "Trace", "trace_in"]
 
 _MARGIN = 1.06  # a point this much behind a surface is behind it: more than a layer of the renderer spans (5 %)
+_BEHIND = 1.01  # ... and this much, for what is only asked about and never inserted
 _STEPS = 48  # depths tried along a ray
 _HALVINGS = 4  # of the interval that the answer lies in
 _FACTORS = np.concatenate([[1.0], 1.06 * 1.04 ** np.arange(22)])  # depths tried along a ray, up to 2.5 times
@@ -83,7 +84,7 @@ class InputSurface:
         column, row = np.floor(u / ahead), np.floor(v / ahead)
         inside = (z > 0) & (column >= 0) & (row >= 0) & (column < self.camera.width) & (row < self.camera.height)
         column, row = np.where(inside, column, 0).astype(np.intp), np.where(inside, row, 0).astype(np.intp)
-        return np.asarray(~inside | (z > _MARGIN * self.depth[row, column]))
+        return np.asarray(~inside | (z > _BEHIND * self.depth[row, column]))
 
     def push_behind(
         self, view: Camera, pixels: Float64Array, depth: Float64Array

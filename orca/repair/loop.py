@@ -34,7 +34,7 @@ __all__ = ["RepairResult", "repair"]
 _RAYS_OPTIMISED = 4000  # at most; a larger hole is optimised on a random part of its pixels
 _INPUT_TOLERANCE = 6 / 255  # change of a pixel of the input view that a repair may cause ...
 # ... tried in turn where the input image is known.
-_INPUT_TOLERANCES = tuple(x / 255 for x in (12, 6, 3, 1.5, 0.7, 0.3, 0.1))
+_INPUT_TOLERANCES = tuple(x / 255 for x in (12, 6, 3, 1.5))
 _INPUT_SHARE = 0.01  # of its squared error that all repairs together may add to the input view: 0.043 dB
 _SMALLER = 0.6  # of its size, for a new anchor that would change it
 _DONOR_ALPHA = 0.95
