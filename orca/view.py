@@ -188,13 +188,15 @@ def _add_scene(server: Any, splats: Splats, camera: Camera, path: Sequence[Camer
     server.initial_camera.look_at = np.asarray(position) * unit + camera.rotation[2] * _MEDIAN_DEPTH
     server.initial_camera.up = -camera.rotation[1]
     server.initial_camera.fov = fov
+    # viser sorts by itself, but not before its sorter is up, and never in a page opened as a file: start in order.
+    far_first = np.argsort(-(splats.means @ camera.rotation[2]), kind="stable")
     handles = {}
     for stage in Stage:
-        chosen = splats.stage == stage
-        if not chosen.any():
+        chosen = far_first[splats.stage[far_first] == stage]
+        if not len(chosen):
             continue
         name = stage.name.lower()
-        handles[f"{name} ({int(chosen.sum()):,})"] = scene.add_gaussian_splats(
+        handles[f"{name} ({len(chosen):,})"] = scene.add_gaussian_splats(
             f"/{name}",
             centers=splats.means[chosen] * np.float32(unit),
             covariances=splats.covariances()[chosen] * np.float32(unit) ** 2,

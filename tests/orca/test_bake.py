@@ -19,6 +19,7 @@ from orca.priors.depth import DepthEstimate
 from orca.scene import Scene
 from orca.splats.agreement import agreement, held_out
 from orca.splats.bake import BakeConfig, anchor_splats, bake, fitted_frames
+from orca.splats.gradient import footprints
 from tests.orca.stage_inputs import picture, view
 
 SIZE = 48
@@ -66,6 +67,16 @@ def test_only_looks_change(scene: Scene) -> None:
     assert growth.max() <= 1.4001
     assert baked.colours.min() >= 0
     assert baked.colours.max() <= 1
+
+
+def test_splats_for_a_viewer_that_leaves_out_small_ones(scene: Scene) -> None:
+    """None is narrower in the input view than asked for, unless it is as large as it may get."""
+    baked = bake(scene, PATH, BakeConfig(steps=6, min_sigma=0.6))
+    covariance = footprints(baked, scene.camera, 1.0).covariance.astype(float)
+    narrow = np.sqrt([np.linalg.eigvalsh([[xx, xy], [xy, yy]])[0] for xx, xy, yy in covariance])
+    growth = np.exp(baked.log_scales - anchor_splats(scene).log_scales)[:, 0]
+    assert ((narrow >= 0.599) | (growth >= 1.399)).all()
+    assert (narrow >= 0.599).mean() > 0.5
 
 
 def test_baking_repeats_bit_for_bit(scene: Scene) -> None:
