@@ -92,7 +92,9 @@ def _add_export(verbs: argparse._SubParsersAction[argparse.ArgumentParser]) -> N
     verb.add_argument("scene", metavar="SCENE", type=Path, help="scene.safetensors")
     verb.add_argument("ply", metavar="PLY", type=Path, help="file to write")
     verb.add_argument("--psnr", action="store_true", help="measure how well the file agrees with the neural render")
-    verb.add_argument("--html", metavar="FILE", type=Path, help="also write a page that shows it, without a server")
+    text = "also write a page that shows it; opened as a file, viser cannot sort, so only the\ninput view is in order: "
+    text += "serve it (python -m http.server) to walk around"
+    verb.add_argument("--html", metavar="FILE", type=Path, help=text)
     _add_bake(verb)
 
 

@@ -48,7 +48,9 @@ def export(arguments: argparse.Namespace) -> Answer:
         from orca.view import write_html
 
         document |= {"html": str(arguments.html), "html_bytes": write_html(splats, scene.camera, arguments.html)}
-        lines.append(f"{arguments.html}: {document['html_bytes']} bytes, opens in a browser without a server")
+        lines.append(
+            f"{arguments.html}: {document['html_bytes']} bytes, a page for browsers; see --help about opening it as a file"
+        )
     return document, "\n".join(lines)
 
 
