@@ -48,9 +48,7 @@ def export(arguments: argparse.Namespace) -> Answer:
         from orca.view import write_html
 
         document |= {"html": str(arguments.html), "html_bytes": write_html(splats, scene.camera, arguments.html)}
-        lines.append(
-            f"{arguments.html}: {document['html_bytes']} bytes, a page for browsers; see --help about opening it as a file"
-        )
+        lines.append(f"{arguments.html}: {document['html_bytes']} bytes, a page for browsers (see --help: serve it)")
     return document, "\n".join(lines)
 
 
