@@ -10,7 +10,7 @@ from typing import Any
 
 from bench.adapters import Adapter, MethodOutput, RunOptions
 from bench.checks import check_output
-from bench.codec import ALREADY_CODED, CODEC, coded_before, coded_output, holding
+from bench.codec import ALREADY_CODED, CODEC, coded_output, holding
 from bench.datasets.case import Dataset, SceneCase
 from bench.frames import frame_hashes, load_frames, save_frames, stored_precision
 from bench.host import host_facts
@@ -190,7 +190,7 @@ class Cell:
 
     def _coded(self, case: SceneCase, output: MethodOutput) -> tuple[str | None, MethodOutput]:
         """What the pictures went through, and the pictures after it."""
-        if coded_before(self.version):
+        if output.coded:
             return ALREADY_CODED, output
         if not self.codec_match:
             return None, output

@@ -13,7 +13,7 @@ from bench.adapters.adapter import MethodOutput
 from orca.conventions import UInt8Array
 from orca.errors import BadInput
 
-__all__ = ["ALREADY_CODED", "CODEC", "coded_before", "coded_output", "holding", "through_codec"]
+__all__ = ["ALREADY_CODED", "CODEC", "coded_output", "holding", "through_codec"]
 
 # Read from the encoder's own note inside all 22 published files: x264 at its defaults (preset medium), crf 23,
 # yuv420p, 20 fps, a key frame at least every 250. One thread, so that the pixels do not depend on the machine's cores.
@@ -27,11 +27,6 @@ _CRF, _FPS = "23", Fraction(20)
 # x264 core 165 does not repeat itself where a row has no multiple of 8 macro-blocks: of 200 codings of one clip 1 came
 # out otherwise at 64 columns, 11 at 80, 15 at 96, 40 at 144, and none of 500 at 128.
 _COLUMNS = 128
-
-
-def coded_before(method_version: str) -> bool:
-    """True if the method's frames came out of such a video: an adapter says so by "H.264" in its version."""
-    return "H.264" in method_version
 
 
 def holding(eval_indices: Sequence[int]) -> int:

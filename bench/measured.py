@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from bench.codec import ALREADY_CODED, coded_before
+from bench.codec import ALREADY_CODED
 from bench.digest import broken_seals, is_sealed
 from bench.record import FAILED, CellRecord
 from bench.store import RunStore
@@ -192,15 +192,11 @@ def _cost(record: CellRecord, key: str) -> Value:
 def _codec_notes(runs: Sequence[Mapping[str, Any]], records: Mapping[tuple[str, str], CellRecord]) -> list[str]:
     """Say what the frames of a matched run went through; a run without it says which methods' frames were coded."""
     codec = runs[0]["identity"]["codec"]
-    coded = dict.fromkeys(label for (label, _), r in records.items() if r.failure is None and _was_coded(r))
+    coded = dict.fromkeys(label for (label, _), r in records.items() if r.codec == ALREADY_CODED)
     before = f"{', '.join(coded)}: {ALREADY_CODED}." if coded else ""
     if codec is None:
         return [f"Frames as rendered, no codec. {before}"] if coded else []
     return [f"Codec match: every method's frames went through {codec} before any metric. {before}".strip()]
-
-
-def _was_coded(record: CellRecord) -> bool:
-    return coded_before(record.method_version)
 
 
 def _edit_notes(edited: Sequence[Path]) -> list[str]:

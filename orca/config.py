@@ -172,7 +172,6 @@ class DeformConfig:
         sharpen_depth: move depths halfway between two surfaces to the nearer of the two, so that no anchor
             floats between foreground and background (O).
         edge_ratio: two depths further apart than this ratio, within the window, are two surfaces (O).
-        edge_density: sigma of anchors on the near side of depth edges: a dense rim would hide the background (O).
         rim_ratio, rim_extent: an anchor that reaches over pixels deeper by this ratio is shrunk until it does not,
             to no less than this share; the ratio is that of two layers, so nothing covers what it is not one
             surface with (O).
@@ -191,7 +190,6 @@ class DeformConfig:
     denoise_depth: bool = True
     sharpen_depth: bool = True
     edge_ratio: float = 1.12
-    edge_density: float = 15.0
     rim_ratio: float = 1.05
     rim_extent: float = 0.5
     rim_clearance: float = 0.25

@@ -16,7 +16,7 @@ from orca.camera import Camera
 from orca.config import ReconstructConfig
 from orca.conventions import Float32Array
 from orca.errors import BadInput
-from orca.field.decoders import DENSITY_CHANNEL, Decoders, analytic_decoders, density_feature
+from orca.field.decoders import Decoders, analytic_decoders
 from orca.field.hashing import HashEncoding
 from orca.priors.choose import Priors
 from orca.priors.depth import DepthEstimate
@@ -27,7 +27,7 @@ from orca.repair.insert import InsertConfig
 from orca.repair.loop import repair
 from orca.scene import Scene
 from orca.stages.canvas import Canvas, make_canvas
-from orca.stages.deform import cleaned_depth, deform, near_depth_edge, on_near_side, sample_depth
+from orca.stages.deform import cleaned_depth, deform, sample_depth
 from orca.stages.observations import Observation, observations
 from orca.stages.planar import PlanarGrid, place, planar_anchors, rest_positions
 from orca.stages.rims import shrink_rims
@@ -199,9 +199,10 @@ def _stage_deform(
     """Stage 2: anchors move along their rays to the scene's depth; then everything but the means is fitted again."""
     config = run.config
     run.progress("depth deformation", 0, 1)
-    lifted = deform(anchors, canvas.depth, canvas.camera, config.deform)
+    depth = cleaned_depth(canvas.depth, config.deform)
+    lifted = deform(anchors, depth, canvas.camera, config.deform)
     if config.planar.initialisation == "closed_form":
-        lifted = _soften_edges(lifted, grid, canvas, config)
+        lifted = _narrow_rims(lifted, grid, depth, config)
     lifted = _place(lifted, canvas, run)
     _note_psnr(run, "deformed", lifted, decoders, observed[0])
     if config.planar.initialisation == "closed_form":
@@ -230,24 +231,13 @@ def _place(anchors: GaussianAnchors, canvas: Canvas, run: _Run) -> GaussianAncho
     return replace(anchors, means=anchors.means / scale, log_variances=anchors.log_variances - 2 * float(np.log(scale)))
 
 
-def _soften_edges(
-    anchors: GaussianAnchors, grid: PlanarGrid, canvas: Canvas, config: ReconstructConfig
+def _narrow_rims(
+    anchors: GaussianAnchors, grid: PlanarGrid, depth: Float32Array, config: ReconstructConfig
 ) -> GaussianAnchors:
-    """Lower density and extent of anchors on the near side of depth edges, whose rims would hide the background.
-
-    The far side keeps its density: what a repair later puts behind it must not shine through in the input view.
-    """
-    depth = cleaned_depth(canvas.depth, config.deform)
-    soft = near_depth_edge(depth, grid.pixels, 2 * grid.spacing, config.deform.edge_ratio)
-    soft &= on_near_side(depth, grid.pixels)
+    """Anchors beside depth edges that end where the far surface begins."""
     reach = math.sqrt(config.render.chi2) * config.planar.kappa * grid.spacing
     rims = (config.deform.rim_ratio, config.deform.rim_extent, config.deform.rim_clearance)
-    anchors = shrink_rims(anchors, grid.pixels, reach, depth, *rims)
-    features = anchors.features.clone()
-    features[torch.from_numpy(soft), DENSITY_CHANNEL] = density_feature(
-        config.deform.edge_density, config.planar.density
-    )
-    return anchors.with_features(features)
+    return shrink_rims(anchors, grid.pixels, reach, depth, *rims)
 
 
 def _train(

@@ -53,6 +53,7 @@ class MethodOutput:
         timing: seconds per phase ("depth", "fit", "repair", "render", ...); "render_ms_per_frame" where known.
         model: size and make of the model: "anchors", "bytes", "preset", lifting, placement scale and spread, ...
         notes: what a reader of the table must know ("decoded from H.264 crf 23").
+        coded: the pictures came out of an H.264 video, so codec matching leaves them as they are.
     """
 
     frames: UInt8Array
@@ -65,6 +66,7 @@ class MethodOutput:
     timing: dict[str, float] = field(default_factory=dict)
     model: dict[str, Any] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
+    coded: bool = False
 
 
 class Adapter(Protocol):

@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-import time
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Literal
 
-import numpy as np
-
 from bench.adapters.adapter import MethodOutput, RunOptions
+from bench.adapters.views import render_case
 from bench.datasets.case import SceneCase
-from orca.conventions import Float32Array, UInt8Array, to_float, to_uint8
+from bench.store import write_json
+from orca.conventions import to_float
 
 if TYPE_CHECKING:
     from orca.config import ReconstructConfig
@@ -20,7 +18,7 @@ if TYPE_CHECKING:
 
 __all__ = ["ORCA", "ORCA_NO_REPAIR", "ORCA_PAPER", "ORCA_PLAIN_FILL", "OrcaMethod"]
 
-CODE_VERSION = "1"  # raised whenever the same configuration would give other frames
+CODE_VERSION = "2"  # raised whenever the same configuration would give other frames
 
 
 @dataclass(frozen=True)
@@ -71,17 +69,8 @@ class OrcaMethod:
             device=options.device,
             progress=options.progress,
         )
-        renderer = result.scene.renderer(options.device)
-        cameras = (*novel, case.camera, *truth)
-        started = time.perf_counter()
-        rendered = []
-        for done, camera in enumerate(cameras, start=1):
-            view = renderer.render(camera)
-            rendered.append((to_uint8(view.rgb), view.alpha, view.depth))
-            options.progress("render", done, len(cameras))
-        seconds = time.perf_counter() - started
-        timing = {**result.record["seconds"], "render": seconds, "render_ms_per_frame": 1e3 * seconds / len(cameras)}
-        return self._output(rendered, len(novel), timing, self._model(result, options))
+        render = result.scene.renderer(options.device).render
+        return render_case(render, case, options, self._model(result, options), seconds=result.record["seconds"])
 
     def _priors(self, options: RunOptions) -> Priors:
         """What is not in the image comes from weights on this machine; a run downloads nothing."""
@@ -112,27 +101,8 @@ class OrcaMethod:
         }
         if options.work_dir is not None:
             result.scene.save(options.work_dir / "scene.safetensors")
+            write_json(options.work_dir / "ledger.json", result.ledger)
         return model
-
-    def _output(
-        self,
-        rendered: Sequence[tuple[UInt8Array, Float32Array, Float32Array]],
-        novel: int,
-        timing: dict[str, float],
-        model: dict[str, object],
-    ) -> MethodOutput:
-        rgb, alpha, depth = zip(*rendered, strict=True)
-        return MethodOutput(
-            frames=np.stack(rgb[:novel]),
-            coverage=np.stack(alpha[:novel]),
-            input_view=rgb[novel],
-            true_views=tuple(rgb[novel + 1 :]),
-            true_view_coverage=tuple(alpha[novel + 1 :]),
-            true_view_depth=tuple(depth[novel + 1 :]),
-            frame_depth=np.stack(depth[:novel]),
-            timing=timing,
-            model=model,
-        )
 
 
 ORCA = OrcaMethod("orca", "metric")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -11,9 +10,9 @@ import numpy as np
 from bench.adapters.adapter import MethodOutput, RunOptions
 from bench.adapters.external import ExternalSpec
 from bench.adapters.sources import fingerprint, one_of
+from bench.adapters.views import render_case
 from bench.datasets.case import SceneCase
 from orca.camera import Camera
-from orca.conventions import to_uint8
 from orca.errors import BadInput
 
 __all__ = ["FILE_NAMES", "OrcaScenes", "open_orca_scene"]
@@ -59,32 +58,15 @@ class OrcaScenes:
             raise BadInput(f"{file} shows nothing in the input view", "a scene of this image", "check the file")
         low, ratio, high = (float(q) for q in np.percentile(view.depth[seen] / case.depth[seen], (16, 50, 84)))
         unit = 1.0 if abs(ratio - 1) < _SAME_UNIT else ratio
-        cameras = (*case.eval_trajectory.cameras(), case.camera, *(view.camera for view in case.true_views))
-        started = time.perf_counter()
-        images, alphas, depths = [], [], []
-        for done, camera in enumerate(cameras, start=1):
-            rendered = renderer.render(_in_unit(camera, unit))
-            images.append(to_uint8(rendered.rgb))
-            alphas.append(rendered.alpha)
-            depths.append(rendered.depth / np.float32(unit))
-            options.progress("render", done, len(cameras))
-        seconds = time.perf_counter() - started
-        n = len(case.eval_indices)
-        return MethodOutput(
-            frames=np.stack(images[:n]),
-            coverage=np.stack(alphas[:n]),
-            input_view=images[n],
-            true_views=tuple(images[n + 1 :]),
-            true_view_coverage=tuple(alphas[n + 1 :]),
-            frame_depth=np.stack(depths[:n]),
-            timing={"render": seconds, "render_ms_per_frame": 1e3 * seconds / len(cameras)},
-            model={
-                "anchors": scene.num_anchors,
-                "bytes": scene.num_bytes,
-                "placement_scale": unit,
-                "placement_spread": high / low,
-            },
-            notes=("from scene files; reconstructed elsewhere, which is not timed",),
+        model = {
+            "anchors": scene.num_anchors,
+            "bytes": scene.num_bytes,
+            "placement_scale": unit,
+            "placement_spread": high / low,
+        }
+        notes = ("from scene files; reconstructed elsewhere, which is not timed",)
+        return render_case(
+            lambda camera: renderer.render(_in_unit(camera, unit)), case, options, model, notes, unit=unit
         )
 
 

@@ -2,23 +2,20 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
-
-import numpy as np
 
 from bench.adapters.adapter import MethodOutput, RunOptions
 from bench.adapters.external import ExternalSpec
 from bench.adapters.gaussian_ply import read_gaussian_ply
 from bench.adapters.sources import fingerprint, one_of, scene_file
 from bench.adapters.splat_cloud import SplatCloud
+from bench.adapters.views import render_case
 from bench.adapters.vistadream_scene import read_vistadream_scene
 from bench.cameras_io import find_camera_file, read_camera_file
 from bench.datasets.case import SceneCase
-from orca.conventions import to_uint8
 
 __all__ = ["SCENE_NAMES", "SplatMethod", "open_ply", "open_vistadream_scene", "read_ply_scene"]
 
@@ -91,18 +88,6 @@ class SplatMethod:
 
         options.progress("read", 0, 1)
         cloud, placement = place(self.read(case.name), case.camera, case.depth)
-        truth = tuple(view.camera for view in case.true_views)
-        cameras = (*case.eval_trajectory.cameras(), case.camera, *truth)
-        started = time.perf_counter()
-        images, alphas, depths = [], [], []
-        for done, camera in enumerate(cameras, start=1):
-            view = render_cloud(cloud, camera)
-            images.append(to_uint8(view.rgb))
-            alphas.append(view.alpha)
-            depths.append(view.depth)
-            options.progress("render", done, len(cameras))
-        seconds = time.perf_counter() - started
-        n = len(case.eval_indices)
         model: dict[str, Any] = {
             "anchors": len(cloud),
             "bytes": cloud.num_bytes,
@@ -113,14 +98,4 @@ class SplatMethod:
         notes = [f"{self.kind}, rendered here; fitted elsewhere, which is not timed"]
         if cloud.dropped:
             notes.append(f"{cloud.dropped} splats with values that are not finite left out")
-        return MethodOutput(
-            frames=np.stack(images[:n]),
-            coverage=np.stack(alphas[:n]),
-            input_view=images[n],
-            true_views=tuple(images[n + 1 :]),
-            true_view_coverage=tuple(alphas[n + 1 :]),
-            frame_depth=np.stack(depths[:n]),
-            timing={"render": seconds, "render_ms_per_frame": 1e3 * seconds / len(cameras)},
-            model=model,
-            notes=tuple(notes),
-        )
+        return render_case(lambda camera: render_cloud(cloud, camera), case, options, model, notes)

@@ -87,7 +87,7 @@ class PublishedVideos:
             notes.append(
                 f"published at {width}x{height}, kept so; the case is {case.camera.width}x{case.camera.height}"
             )
-        return MethodOutput(frames=frames[1:], input_view=frames[0], notes=tuple(notes))
+        return MethodOutput(frames=frames[1:], input_view=frames[0], notes=tuple(notes), coded=True)
 
 
 def _check_cameras(case: SceneCase, root: Path) -> None:
@@ -158,7 +158,7 @@ class RunVideos:
         notes = ["decoded from a VistaDream run's H.264, cameras by its closed form, not timed here"]
         if frames.shape != decoded.shape:
             notes.append(f"stretched to multiples of {MACRO_BLOCK} by the writer; undone")
-        return MethodOutput(frames=frames[1:], input_view=frames[0], notes=tuple(notes))
+        return MethodOutput(frames=frames[1:], input_view=frames[0], notes=tuple(notes), coded=True)
 
 
 def unstretched(frames: UInt8Array, width: int, height: int, where: str) -> UInt8Array:

@@ -8,7 +8,6 @@ import torch
 from torch import Tensor, nn
 
 from orca.anchors import FEATURE_DIM
-from orca.errors import BadInput
 
 __all__ = [
     "COLOUR_CHANNELS",
@@ -16,7 +15,6 @@ __all__ = [
     "SH_DIM",
     "Decoders",
     "analytic_decoders",
-    "density_feature",
     "spherical_harmonics",
 ]
 
@@ -26,7 +24,6 @@ SH_DIM = 16
 LOG_DENSITY_MAX = 15.0
 COLOUR_CHANNELS = 3  # feature channels 0..2 carry colour logits after the analytic initialisation
 DENSITY_CHANNEL = 3  # ... and channel 3 carries the constant that the density is made from
-_LOWEST_DENSITY = math.exp(-1.0)  # sigma = exp(relu(..) - 1)
 
 
 class _TruncatedExp(torch.autograd.Function):
@@ -113,18 +110,6 @@ class Decoders(nn.Module):
         """Density [S] and colour [S, 3] of aggregated features [S, 32]."""
         sigma, geo = self.density(self.density_in(features))
         return sigma, self.colour(geo, directions)
-
-
-def density_feature(density: float, reference: float) -> float:
-    """Value of the density channel that decodes to ``density`` where 1 decodes to ``reference`` (analytic decoders).
-
-    Raises `BadInput` for densities of 1/e or less: the channel passes a ReLU, so nothing decodes to less.
-    """
-    if min(density, reference) <= _LOWEST_DENSITY:
-        raise BadInput(
-            f"densities {density:g} and {reference:g}", f"more than 1/e = {_LOWEST_DENSITY:.3f}", "raise the density"
-        )
-    return (1.0 + math.log(density)) / (1.0 + math.log(reference))
 
 
 def analytic_decoders(density: float, generator: torch.Generator, noise: float = 0.0) -> Decoders:

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from orca.conventions import Float32Array
-from orca.render.tiles import TILE, Footprints, TileHits, collect_tile, hit_bound, new_tile_hits, tile_box
+from orca.render.tiles import TILE, Footprints, TileHits, collect_tile, hit_bound, layer_end, new_tile_hits, tile_box
 
 __all__ = ["FieldTables", "Mode", "render_tiles"]
 
@@ -104,22 +104,12 @@ def _exp(x: Any) -> Any:
 @numba.njit(cache=True, nogil=True, error_model="numpy")  # type: ignore[untyped-decorator]
 def _next_layers(rays: _Rays, hits: TileHits, samples: _Round, n: int, gaps: tuple[float, float]) -> None:
     """Where the surface that each ray's next hit lies on begins and ends."""
-    sigmas, relative = np.float32(gaps[0] ** 2), np.float32(gaps[1])
-    t, a = hits.t, hits.a
     for s in range(n):
         r = samples.ray[s]
         k = rays.cursor[r]
-        if k < rays.layer[r, 1]:
-            continue
-        end = hits.start[r] + hits.length[r]
-        rays.layer[r, 0] = k
-        k += 1
-        while k < end:
-            gap = t[k] - t[k - 1]
-            if gap > relative * t[k - 1] and gap * gap * min(a[k], a[k - 1]) > sigmas:
-                break
-            k += 1
-        rays.layer[r, 1] = k
+        if k >= rays.layer[r, 1]:
+            rays.layer[r, 0] = k
+            rays.layer[r, 1] = layer_end(hits.t, hits.a, k, hits.start[r] + hits.length[r], gaps)
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")  # type: ignore[untyped-decorator]

@@ -14,7 +14,17 @@ from numpy.typing import NDArray
 
 from orca.conventions import Float32Array, Float64Array
 
-__all__ = ["TILE", "Footprints", "TileHits", "assign_tiles", "collect_tile", "hit_bound", "new_tile_hits", "tile_box"]
+__all__ = [
+    "TILE",
+    "Footprints",
+    "TileHits",
+    "assign_tiles",
+    "collect_tile",
+    "hit_bound",
+    "layer_end",
+    "new_tile_hits",
+    "tile_box",
+]
 
 TILE = 32  # side in pixels
 _FEW = 32  # hits of a ray up to which insertion beats a library sort
@@ -236,3 +246,19 @@ def _sort_many(
     for values in (t, m2, a):
         values[low:end] = values[low:end][order]
     anchor[low:end] = anchor[low:end][order]
+
+
+@numba.njit(cache=True, inline="always", error_model="numpy")  # type: ignore[untyped-decorator]
+def layer_end(t: Float32Array, precision: Float32Array, first: int, end: int, gaps: tuple[float, float]) -> int:
+    """Past-the-end hit of the surface that starts at hit ``first`` of a ray whose hits end at ``end``.
+
+    The rule of `orca.render.aggregation.layer_index`: a gap of more than ``gaps[0]`` times the larger of the two
+    standard deviations along the ray, and of more than ``gaps[1]`` of the depth, parts two surfaces.
+    """
+    k = first + 1
+    while k < end:
+        gap = t[k] - t[k - 1]
+        if gap > gaps[1] * t[k - 1] and gap * gap * min(precision[k], precision[k - 1]) > gaps[0] * gaps[0]:
+            break
+        k += 1
+    return k

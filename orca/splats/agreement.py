@@ -11,7 +11,7 @@ import numpy as np
 from orca.camera import Camera
 from orca.conventions import Float32Array, to_float, to_uint8
 from orca.splats.model import Splats
-from orca.splats.raster import render_splats
+from orca.splats.view import render_splats
 
 if TYPE_CHECKING:
     from orca.scene import Scene

@@ -1,4 +1,4 @@
-"""A small renderer of 3D Gaussian splats, as public viewers draw them; knows nothing of ORCA's own renderer.
+"""Which pixels 3D Gaussian splats reach, as public viewers draw them; knows nothing of ORCA's own renderer.
 
 EWA splatting (Zwicker et al. 2001) in the form of Kerbl et al. 2023: the covariance goes through the Jacobian of the
 projection at the mean, 0.3 px^2 are added to its diagonal, splats are sorted by the depth of their means, and
@@ -16,9 +16,8 @@ from numpy.typing import NDArray
 from orca.camera import Camera
 from orca.conventions import Float32Array, Float64Array
 from orca.splats.model import Splats
-from orca.threads import kernel
 
-__all__ = ["DILATION", "MAX_ALPHA", "MIN_ALPHA", "SplatHits", "compose", "project", "rasterise", "render_splats"]
+__all__ = ["DILATION", "MAX_ALPHA", "MIN_ALPHA", "SplatHits", "project", "rasterise", "span"]
 
 MAX_ALPHA = 0.99
 MIN_ALPHA = 1 / 255
@@ -76,11 +75,11 @@ def rasterise(splats: Splats, camera: Camera) -> SplatHits:
 
 
 @numba.njit(cache=True, inline="always")  # type: ignore[untyped-decorator]
-def _box(centre: float, inverse: float, other: float, det: float, m2: float, size: int) -> tuple[int, int]:
+def span(centre: float, own: float, other: float, cross: float, m2: float, size: int) -> tuple[int, int]:
     """First and past-the-end pixel whose centres the ellipse m2 spans along one axis."""
-    reach = np.sqrt(m2 * other / det)
-    low = min(max(centre - reach - 0.5, 0.0), float(size))
-    high = min(max(centre + reach - 0.5, -1.0), size - 1.0)
+    half = np.sqrt(m2 * other / (own * other - cross * cross))
+    low = min(max(centre - half - 0.5, 0.0), float(size))
+    high = min(max(centre + half - 0.5, -1.0), size - 1.0)
     return int(np.ceil(low)), int(np.floor(high)) + 1
 
 
@@ -103,9 +102,8 @@ def _hits(
             cursor = start[:-1].copy()
         for i in order:
             a, b, c = conic[i, 0], conic[i, 1], conic[i, 2]
-            det = a * c - b * b
-            x0, x1 = _box(pixels[i, 0], a, c, det, max_m2, width)
-            y0, y1 = _box(pixels[i, 1], c, a, det, max_m2, height)
+            x0, x1 = span(pixels[i, 0], a, c, b, max_m2, width)
+            y0, y1 = span(pixels[i, 1], c, a, b, max_m2, height)
             for y in range(y0, y1):
                 dy = y + 0.5 - pixels[i, 1]
                 for x in range(x0, x1):
@@ -120,38 +118,3 @@ def _hits(
                         splat[cursor[p]], falloff[cursor[p]] = i, np.exp(-0.5 * m2)
                         cursor[p] += 1
     return start, splat, falloff
-
-
-@kernel()
-def compose(
-    start: NDArray[np.int64],
-    splat: NDArray[np.int32],
-    falloff: Float32Array,
-    opacity: Float32Array,
-    colour: Float32Array,
-) -> Float32Array:
-    """Front-to-back composition: [P, 4] as rgb over black and accumulated alpha."""
-    out = np.zeros((start.shape[0] - 1, 4), np.float32)
-    for p in numba.prange(start.shape[0] - 1):
-        through = np.float32(1)
-        for k in range(start[p], start[p + 1]):
-            i = splat[k]
-            alpha = min(np.float32(MAX_ALPHA), opacity[i] * falloff[k])
-            if alpha < np.float32(MIN_ALPHA):
-                continue
-            weight = through * alpha
-            for c in range(3):
-                out[p, c] += weight * colour[i, c]
-            through *= np.float32(1) - alpha
-            if through < np.float32(1e-4):
-                break
-        out[p, 3] = np.float32(1) - through
-    return out
-
-
-def render_splats(splats: Splats, camera: Camera, background: float = 0.0) -> Float32Array:
-    """One view, [H, W, 3] float32 in [0, 1], over a grey background."""
-    hits = rasterise(splats, camera)
-    pixels = compose(hits.start, hits.splat, hits.falloff, splats.opacities, np.maximum(splats.colours, 0))
-    rgb = pixels[:, :3] + (1 - pixels[:, 3:]) * np.float32(background)
-    return np.clip(rgb, 0, 1).reshape(camera.height, camera.width, 3)

@@ -23,13 +23,11 @@ from orca.conventions import Float32Array, Float64Array
 from orca.errors import BadInput
 
 __all__ = [
-    "cleaned_depth",
     "RelativeTarget",
+    "cleaned_depth",
     "deform",
     "denoise_depth",
     "metric_target",
-    "near_depth_edge",
-    "on_near_side",
     "sample_depth",
     "sharpen_depth",
 ]
@@ -43,21 +41,14 @@ def deform(anchors: GaussianAnchors, depth: Float32Array, camera: Camera, config
 
     Args:
         anchors: anchors on a plane parallel to the image, in camera coordinates (identity pose).
-        depth: z-depth over the canvas, [H, W], positive.
+        depth: z-depth over the canvas, [H, W], positive; see `cleaned_depth`.
         camera: the canvas camera (identity pose), same size as ``depth``.
         config: lifting, quantiles, edge handling.
 
     Raises:
         BadInput: the depth is not finite and positive everywhere.
     """
-    if not np.isfinite(depth).all() or (depth <= 0).any():
-        bad = int((~np.isfinite(depth) | (depth <= 0)).sum())
-        raise BadInput(
-            f"depth with {bad} of {depth.size} values that are not finite and positive",
-            "finite z-depth > 0 everywhere",
-            "repair the depth map or choose another provider",
-        )
-    depth = cleaned_depth(depth, config)
+    _check_positive(depth)
     means = anchors.means.double().numpy()
     pixels, _ = camera.project(means)
     sampled = sample_depth(depth, pixels)
@@ -135,10 +126,24 @@ def sample_depth(depth: Float32Array, pixels: Float64Array) -> Float64Array:
 
 
 def cleaned_depth(depth: Float32Array, config: DeformConfig) -> Float32Array:
-    """The depth that anchors are lifted to: denoised and sharpened as configured."""
+    """The depth that anchors are lifted to: denoised and sharpened as configured.
+
+    Raises `BadInput` for a depth that is not finite and positive everywhere.
+    """
+    _check_positive(depth)
     if config.denoise_depth:
         depth = denoise_depth(depth)
     return sharpen_depth(depth, config.edge_ratio) if config.sharpen_depth else depth
+
+
+def _check_positive(depth: Float32Array) -> None:
+    if not np.isfinite(depth).all() or (depth <= 0).any():
+        bad = int((~np.isfinite(depth) | (depth <= 0)).sum())
+        raise BadInput(
+            f"depth with {bad} of {depth.size} values that are not finite and positive",
+            "finite z-depth > 0 everywhere",
+            "repair the depth map or choose another provider",
+        )
 
 
 def denoise_depth(depth: Float32Array) -> Float32Array:
@@ -166,29 +171,6 @@ def sharpen_depth(depth: Float32Array, edge_ratio: float, radius: int = 3) -> Fl
     edge = (range_here > np.log(edge_ratio)) & (range_here > 0.75 * range_wide)
     snapped = np.where(log - low < high - log, low, high)
     return np.asarray(np.where(edge, np.exp(snapped), depth), np.float32)
-
-
-def near_depth_edge(
-    depth: Float32Array, pixels: Float64Array, reach: Float64Array, edge_ratio: float
-) -> NDArray[np.bool_]:
-    """Whether an anchor at a pixel [N, 2] comes within ``reach`` pixels [N] of a depth edge, [N]."""
-    log = np.log(depth)
-    kernel = np.ones((3, 3), np.uint8)
-    flat = (cv2.dilate(log, kernel) - cv2.erode(log, kernel) <= np.log(edge_ratio)).astype(np.uint8)
-    distance = cv2.distanceTransform(flat, cv2.DIST_L2, 3) if flat.any() else np.zeros(depth.shape)
-    column = np.clip(pixels[:, 0].astype(int), 0, depth.shape[1] - 1)
-    row = np.clip(pixels[:, 1].astype(int), 0, depth.shape[0] - 1)
-    return np.asarray((distance[row, column] <= reach) & bool((flat == 0).any()))
-
-
-def on_near_side(depth: Float32Array, pixels: Float64Array, window: int = 9) -> NDArray[np.bool_]:
-    """Whether the depth at pixels [N, 2] is nearer (in log depth) to the smallest in its window than to the largest."""
-    log = np.log(depth)
-    kernel = np.ones((window, window), np.uint8)
-    near = log - cv2.erode(log, kernel) < cv2.dilate(log, kernel) - log
-    column = np.clip(pixels[:, 0].astype(int), 0, depth.shape[1] - 1)
-    row = np.clip(pixels[:, 1].astype(int), 0, depth.shape[0] - 1)
-    return np.asarray(near[row, column])
 
 
 def _log_depth_slopes(depth: Float64Array, pixels: Float64Array, camera: Camera, max_slope: float) -> Float64Array:

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from orca.conventions import Float32Array
 from orca.render.renderer import Renderer
+from orca.render.tiles import layer_end
 from orca.stages.observations import Observation
 from orca.stages.sparse import SparseMatrix
 from orca.threads import kernel
@@ -73,18 +74,6 @@ def _rows(renderer: Renderer, observation: Observation) -> _Rows:
     return (sample_start, *filled)
 
 
-@numba.njit(cache=True, inline="always")  # type: ignore[untyped-decorator]
-def _layer_end(t: Float32Array, precision: Float32Array, first: int, end: int, gaps: tuple[float, float]) -> int:
-    """Past-the-end hit of the surface that starts at hit ``first`` of a ray whose hits end at ``end``."""
-    k = first + 1
-    while k < end:
-        gap = t[k] - t[k - 1]
-        if gap > gaps[1] * t[k - 1] and gap * gap * min(precision[k], precision[k - 1]) > gaps[0] * gaps[0]:
-            break
-        k += 1
-    return k
-
-
 @kernel()
 def _count(
     start: NDArray[np.int64],
@@ -103,7 +92,7 @@ def _count(
         k, n, total = low, 0, 0
         while k < end:
             if layered or window < 0:
-                last = _layer_end(t, precision, k, end, gaps)
+                last = layer_end(t, precision, k, end, gaps)
                 n += 1 if layered else last - k
                 total += last - k if layered else (last - k) * (last - k)
                 k = last
@@ -144,7 +133,7 @@ def _fill(
         while k < end:
             if layered or window < 0:
                 if k >= high:
-                    low, high = k, _layer_end(t, precision, k, end, gaps)
+                    low, high = k, layer_end(t, precision, k, end, gaps)
             else:
                 low, high = max(begin, k - window), min(end, k + window + 1)
             norm, a_sum = np.float32(0), np.float32(0)

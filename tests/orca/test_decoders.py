@@ -10,13 +10,11 @@ import torch
 from scipy.special import sph_harm_y
 
 from orca.anchors import FEATURE_DIM
-from orca.errors import BadInput
 from orca.field.decoders import (
     COLOUR_CHANNELS,
     DENSITY_CHANNEL,
     Decoders,
     analytic_decoders,
-    density_feature,
     spherical_harmonics,
 )
 from tests.orca.anchor_scenes import random_decoders
@@ -41,24 +39,6 @@ def test_analytic_decoders_pass_colour_and_density_through(density: float) -> No
     assert torch.equal(logits, features[:, :COLOUR_CHANNELS])  # bit for bit
     torch.testing.assert_close(rgb, torch.sigmoid(features[:, :COLOUR_CHANNELS]), rtol=0, atol=2e-7)
     torch.testing.assert_close(sigma, torch.full((200,), density), rtol=1e-5, atol=0)
-
-
-@pytest.mark.parametrize("density", [0.4, 1.0, 6.0, 15.0, 200.0])
-def test_density_feature_decodes_to_the_density_asked_for(density: float) -> None:
-    features = _features(5)
-    features[:, DENSITY_CHANNEL] = density_feature(density, 15.0)
-    sigma, _ = analytic_decoders(15.0, _generator())(features)
-    torch.testing.assert_close(sigma, torch.full((5,), density), rtol=1e-5, atol=0)
-
-
-def test_density_feature_of_the_reference_is_one() -> None:
-    assert density_feature(15.0, 15.0) == 1.0
-
-
-@pytest.mark.parametrize(("density", "reference"), [(0.0, 15.0), (-1.0, 15.0), (0.36, 15.0), (2.0, 0.36)])
-def test_densities_that_no_feature_decodes_to_are_rejected(density: float, reference: float) -> None:
-    with pytest.raises(BadInput, match="more than 1/e"):
-        density_feature(density, reference)
 
 
 def test_noise_opens_the_other_weights_to_gradients() -> None:

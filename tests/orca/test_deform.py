@@ -19,7 +19,7 @@ from orca.errors import BadInput
 from orca.field.decoders import analytic_decoders
 from orca.render.renderer import Renderer
 from orca.stages.canvas import Canvas
-from orca.stages.deform import RelativeTarget, deform, near_depth_edge, sample_depth, sharpen_depth
+from orca.stages.deform import RelativeTarget, cleaned_depth, deform, sample_depth, sharpen_depth
 from orca.stages.planar import planar_anchors, regular_grid
 from tests.orca.stage_inputs import plane_depth, psnr, random_depth, view
 
@@ -352,31 +352,7 @@ def test_a_step_below_the_edge_ratio_stays_soft() -> None:
 def test_no_anchor_floats_between_two_surfaces() -> None:
     camera = view()
     depth = np.tile(np.interp(np.arange(64), [30, 34], [1.0, 3.0]).astype(np.float32), (64, 1))
-    z = deform(plane_anchors(camera), depth, camera, METRIC).means[:, 2].numpy()
+    z = deform(plane_anchors(camera), cleaned_depth(depth, METRIC), camera, METRIC).means[:, 2].numpy()
     np.testing.assert_allclose(np.where(z < 1.7, 1.0, 3.0), z, rtol=1e-5)
-    soft = deform(plane_anchors(camera), depth, camera, replace(METRIC, sharpen_depth=False)).means[:, 2].numpy()
+    soft = deform(plane_anchors(camera), depth, camera, METRIC).means[:, 2].numpy()
     assert ((soft > 1.2) & (soft < 2.8)).any()
-
-
-def test_near_depth_edge_by_distance() -> None:
-    """A step between columns 31 and 32: pixels 31 and 32 are the edge, the distance is counted from them."""
-    depth = np.ones((64, 64), np.float32)
-    depth[:, 32:] = 2.0
-    pixels = np.array([[31.5, 20.5], [32.5, 20.5], [29.5, 20.5], [36.5, 20.5], [5.5, 60.5]])
-    assert near_depth_edge(depth, pixels, np.full(5, 0.5), 1.06).tolist() == [True, True, False, False, False]
-    assert near_depth_edge(depth, pixels, np.full(5, 2.0), 1.06).tolist() == [True, True, True, False, False]
-    assert near_depth_edge(depth, pixels, np.array([0, 0, 1.5, 4, 60]), 1.06).tolist() == [
-        True,
-        True,
-        False,
-        True,
-        True,
-    ]
-
-
-def test_near_depth_edge_without_an_edge_and_with_nothing_else() -> None:
-    pixels, reach = np.array([[4.5, 4.5], [-3.0, 99.0]]), np.full(2, 1e6)
-    assert not near_depth_edge(np.ones((16, 16), np.float32), pixels, reach, 1.06).any()
-    board = np.where(np.indices((16, 16)).sum(0) % 2 == 0, 1, 2).astype(np.float32)
-    assert near_depth_edge(board, pixels, np.zeros(2), 1.06).all()
-    assert not near_depth_edge(board, pixels, np.zeros(2), 2.5).any()  # two surfaces only beyond that ratio

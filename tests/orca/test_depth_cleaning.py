@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from orca.config import get_preset
-from orca.stages.deform import denoise_depth, on_near_side
+from orca.stages.deform import denoise_depth
 
 
 def test_speckle_goes_and_edges_stay() -> None:
@@ -24,13 +24,6 @@ def test_speckle_goes_and_edges_stay() -> None:
 def test_constant_depth_is_untouched() -> None:
     depth = np.full((20, 30), 1.7, np.float32)
     assert np.allclose(denoise_depth(depth), depth, rtol=1e-6)
-
-
-def test_near_side_of_an_edge() -> None:
-    depth = np.where(np.arange(40)[None, :] < 20, 1.0, 2.0) * np.ones((10, 1))
-    pixels = np.array([[18.5, 5.5], [21.5, 5.5], [2.5, 5.5]])
-    near = on_near_side(depth.astype(np.float32), pixels)
-    assert near.tolist() == [True, False, False]
 
 
 def test_measured_depth_is_trusted() -> None:

@@ -16,7 +16,8 @@ from orca.conventions import Float32Array, Float64Array, pixel_grid
 from orca.errors import BadInput
 from orca.splats.gradient import footprints, loss_and_gradient
 from orca.splats.model import Splats
-from orca.splats.raster import compose, rasterise, render_splats
+from orca.splats.raster import rasterise
+from orca.splats.view import render_splats, view_splats
 
 CAMERA = Camera.from_fov(24, 18, 60.0)
 
@@ -149,8 +150,8 @@ def test_gradient_is_that_of_autograd(seed: int) -> None:
 
 def test_footprints_compose_to_the_same_loss_as_the_renderer() -> None:
     splats = some_splats(20, 8)
-    hits = rasterise(splats, CAMERA)
-    picture = compose(hits.start, hits.splat, hits.falloff, splats.opacities, splats.colours)
+    picture = view_splats(splats, CAMERA).rgb.reshape(-1, 3)
+    picture = np.concatenate([picture, view_splats(splats, CAMERA).alpha.reshape(-1, 1)], 1)
     loss, gradient = loss_and_gradient(
         footprints(splats, CAMERA, 1.0), picture, splats.colours, splats.opacities, np.zeros(20, np.float32)
     )

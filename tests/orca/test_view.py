@@ -24,7 +24,7 @@ from orca.conventions import Float32Array, to_float
 from orca.errors import BadInput
 from orca.paths import make_path, path_cameras
 from orca.splats.model import Splats
-from orca.splats.raster import render_splats
+from orca.splats.view import render_splats
 from orca.view import SceneViewer, camera_pose, write_html
 from tests.browser import Watched, open_page
 from tests.orca.test_orca_cli import small_scene
