@@ -39,6 +39,7 @@ def add_run(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--score-cache", type=Path, metavar="DIR", help="scores by content (cache/scores in the run)")
     _add_llava(parser)
     parser.add_argument("--retry-failed", action="store_true", help="run failed cells and unavailable scores again")
+    parser.add_argument("--cell-timeout", type=float, metavar="S", help="seconds for a method, or a metric (no limit)")
 
 
 def add_table(parser: argparse.ArgumentParser) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import time
+from contextlib import AbstractContextManager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -17,10 +18,11 @@ from bench.host import host_facts
 from bench.plan import Work, work_left
 from bench.progress import Reporter
 from bench.provenance import case_hashes, input_files, output_hashes
-from bench.record import FAILED, CellRecord, Failure
+from bench.record import FAILED, CellRecord, Failure, ScoreRecord
 from bench.scoring import Scorer
 from bench.store import RunStore
-from orca.errors import BadInput
+from bench.timelimit import time_limit
+from orca.errors import BadInput, CannotWrite, TimedOut
 
 __all__ = ["Cell", "LazyCase"]
 
@@ -67,6 +69,7 @@ class Cell:
         retry_failed: run what failed again.
         codec_match: send every picture through `bench.codec` before anything is scored.
         folders: data root and folder of images, for the hashes of the input files.
+        timeout: seconds that loading, the method, and each metric family may take; None for no limit.
     """
 
     dataset: str
@@ -81,6 +84,7 @@ class Cell:
     retry_failed: bool = False
     codec_match: bool = False
     folders: tuple[Path | None, Path | None] = (None, None)
+    timeout: float | None = None
     _phase: str = field(default="load", init=False)
 
     @property
@@ -115,15 +119,19 @@ class Cell:
         record = CellRecord(self.dataset, self.scene, self.name, self.version, None)
         record = replace(record, host=host_facts(self.options.device))
         try:
-            case = self.case.get()
+            with self._limited("loading the scene", record):
+                case = self.case.get()
             record = replace(record, trajectory_sha256=case.trajectory.sha256, inputs=self._inputs(case))
             self._tell("method", 0, 1)
             started = time.perf_counter()
-            output = self.adapter.run(case, self._options())
+            with self._limited(f"method {self.name}", record):
+                output = self.adapter.run(case, self._options())
             wall = time.perf_counter() - started
             self._tell("check", 0, 1)
             check_output(case, output)
             codec, output = self._coded(case, output)
+        except CannotWrite:
+            raise
         except Exception as error:  # noqa: BLE001 - a failure is a result: typed, stored, and a cell of the table
             _log.debug("%s %s failed", self.scene, self.name, exc_info=error)
             return replace(record, failure=Failure.of(error, self._phase)), None
@@ -177,11 +185,32 @@ class Cell:
         families = self.scorer.families(metrics)
         for done, family in enumerate(families):
             self._tell(f"metric {family}", done, len(families))
-            scores, seconds = self.scorer.compute(family, case, output)
+            scores, seconds = self._computed(family, record, case, output)
             spent = {**record.timing.get("metrics", {}), family: seconds}
             record = replace(record, scores=record.scores | scores, timing={**record.timing, "metrics": spent})
             self.store.save(record)
         return record
+
+    def _computed(
+        self, family: str, record: CellRecord, case: SceneCase, output: MethodOutput
+    ) -> tuple[dict[str, ScoreRecord], float]:
+        """The scores of one family and their seconds; scores that say so where it took too long."""
+
+        def stuck(error: TimedOut) -> None:
+            self.store.save(replace(record, scores=record.scores | self.scorer.failed_family(family, error)))
+
+        try:
+            with time_limit(self.timeout, f"metric {family}", stuck):
+                return self.scorer.compute(family, case, output)
+        except TimedOut as error:
+            return self.scorer.failed_family(family, error), self.timeout or 0.0
+
+    def _limited(self, what: str, record: CellRecord) -> AbstractContextManager[None]:
+        """The time limit on what comes before the scores; a step that does not come back is a failure of the cell."""
+        phase = self._phase
+        return time_limit(
+            self.timeout, what, lambda error: self.store.save(replace(record, failure=Failure.of(error, phase)))
+        )
 
     def _keep(self, record: CellRecord, metrics: tuple[str, ...], error: Exception) -> CellRecord:
         record = replace(record, scores=record.scores | self.scorer.failed_scores(metrics, error))

@@ -51,10 +51,10 @@ class Failure:
     """Why there is no result.
 
     Attributes:
-        kind: the `OrcaError.kind` of an expected failure, or "crash".
+        kind: the `OrcaError.kind` of an expected failure, "out_of_memory", or "crash".
         message: given / allowed / fix, in words.
         phase: what was being done ("load", "method").
-        traceback: only for crashes.
+        traceback: of what was not expected.
     """
 
     kind: str
@@ -67,6 +67,13 @@ class Failure:
         """The typed record of an exception; anything but an `OrcaError` is a crash and keeps its traceback."""
         if isinstance(error, OrcaError):
             return Failure(error.kind, {"given": error.given, "allowed": error.allowed, "fix": error.fix}, phase)
+        if _out_of_memory(error):
+            message = {
+                "given": f"out of memory: {error}",
+                "allowed": "what fits into the memory of this machine",
+                "fix": "a smaller image or preset, fewer --jobs, or more memory; then rerun with --retry-failed",
+            }
+            return Failure("out_of_memory", message, phase, "".join(traceback.format_exception(error)))
         message = {
             "given": f"{type(error).__name__}: {error}",
             "allowed": "a method that returns frames or raises an OrcaError",
@@ -78,6 +85,13 @@ class Failure:
     def summary(self) -> str:
         """One line for a table's footnote."""
         return f"{self.kind} in {self.phase}: {' '.join(self.message.get('given', '').split())}"
+
+
+def _out_of_memory(error: Exception) -> bool:
+    """Python's and numpy's own error, and how torch and OpenCV say the same."""
+    words = ("can't allocate memory", "Insufficient memory")
+    named = isinstance(error, MemoryError) or type(error).__name__ == "OutOfMemoryError"
+    return named or any(word in str(error) for word in words)
 
 
 @dataclass(frozen=True)

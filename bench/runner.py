@@ -22,6 +22,7 @@ from bench.record import SCHEMA_VERSION, CellRecord
 from bench.scorecache import ScoreCache
 from bench.scoring import Scorer
 from bench.store import RunStore
+from orca.atomic import drop_unfinished
 from orca.registry import Registry
 
 __all__ = ["RunRequest", "RunSummary", "keep_summary", "run_bench"]
@@ -47,6 +48,7 @@ class RunRequest:
         codec_match: score every method's pictures after `bench.codec`.
         score_cache: folder of scores by content; None for the run's own.
         metric_options: what the user chose about metrics; the file of answers is the run's own.
+        cell_timeout: seconds that loading a scene, a method, and each metric family may take; None for no limit.
     """
 
     dataset: Dataset
@@ -64,6 +66,7 @@ class RunRequest:
     codec_match: bool = False
     score_cache: Path | None = None
     metric_options: MetricOptions = field(default_factory=MetricOptions)
+    cell_timeout: float | None = None
 
     @property
     def identity(self) -> dict[str, Any]:
@@ -109,9 +112,11 @@ def run_bench(
     Raises:
         Unknown: a method or metric that the registries do not know; raised before any work.
         BadInput: the folder holds another run, or its scenes had other cameras; two methods of one name.
+        CannotWrite: the folder is read-only or full; what was finished stays.
     """
     adapters = open_methods(request.methods, methods)
     store = RunStore(request.out)
+    drop_unfinished(store.root)
     cache = ScoreCache(request.score_cache or store.root / "cache" / "scores")
     chosen = replace(request.metric_options, answers=store.root / "answers" / "llava.jsonl")
     scorer = Scorer(request.metrics, metrics, request.options.weights_dir, request.options.device, cache, chosen)
@@ -139,13 +144,14 @@ def run_bench(
                     retry_failed=request.retry_failed,
                     codec_match=request.codec_match,
                     folders=(request.options.data_root, request.images),
+                    timeout=request.cell_timeout,
                 ).finish()
                 computed += worked
                 if _failed(record, scorer):
                     failed.append((name, scene))
     finally:
         told.close()
-    if computed or not (store.root / "scores.parquet").is_file():
+    if computed or store.summary_is_stale():
         keep_summary(store)
     return RunSummary(computed, len(request.scenes) * len(adapters) - computed, tuple(failed))
 
@@ -157,7 +163,7 @@ def keep_summary(store: RunStore) -> None:
     made_of = data_block({r.scene: r.inputs for r in reversed(records) if r.inputs})
     if run is not None and run.get("data") != made_of:
         store.save_run({**run, "data": made_of})
-    write_scores(store.root / "scores.parquet", records)
+    write_scores(store.summary_path, records)
 
 
 def _failed(record: CellRecord, scorer: Scorer) -> bool:

@@ -13,6 +13,7 @@ from bench.datasets.case import SceneCase
 from bench.metrics.metric import Configurable, Metric, MetricInput, MetricOptions, MetricSpec
 from bench.record import ScoreRecord
 from bench.scorecache import ScoreCache, content_hashes
+from orca.errors import CannotWrite
 from orca.registry import Registry
 
 __all__ = ["Scorer"]
@@ -95,6 +96,11 @@ class Scorer:
             self._hashed = (output, content_hashes(case, output))
         return self._hashed[1]
 
+    def failed_family(self, name: str, error: Exception) -> dict[str, ScoreRecord]:
+        """Scores of the ids of one family that were asked for, which say why there is none."""
+        family = next(family for family in self._families if family.name == name)
+        return self.failed_scores([metric_id for metric_id in self.ids if metric_id in family.specs], error)
+
     def failed_scores(self, missing: Sequence[str], error: Exception) -> dict[str, ScoreRecord]:
         """Scores of ids that could not be computed because their frames or their scene could not be had."""
         return {metric_id: ScoreRecord.without_value(self.specs[metric_id], error) for metric_id in missing}
@@ -118,6 +124,8 @@ def _family_scores(family: _Family, given: MetricInput) -> dict[str, ScoreRecord
         if family.broken is not None:
             raise family.broken
         scores = family.metric.compute(given)
+    except CannotWrite:
+        raise
     except Exception as error:  # noqa: BLE001 - one broken metric must not end the run; kept, typed, in the score
         return {key: ScoreRecord.without_value(spec, error) for key, spec in family.specs.items()}
     absent = KeyError(f"{family.name} returned no score of that id")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 import shutil
 from collections.abc import Iterator
 from pathlib import Path
@@ -20,10 +19,8 @@ __all__ = ["RunStore", "read_json", "write_atomic", "write_json"]
 
 def write_atomic(path: Path, content: bytes) -> None:
     """Write a file so that a reader, or a crash, sees the old one or the new one and nothing between."""
-    with atomic_path(path) as temporary, temporary.open("wb") as file:
-        file.write(content)
-        file.flush()
-        os.fsync(file.fileno())
+    with atomic_path(path) as temporary:
+        temporary.write_bytes(content)
 
 
 def write_json(path: Path, document: Any) -> None:
@@ -112,6 +109,18 @@ class RunStore:
         """Every result in the folder, by method and scene name."""
         for path, document in self.documents():
             yield CellRecord.from_json(document, str(path))
+
+    @property
+    def summary_path(self) -> Path:
+        """Where the long table of all scores lies."""
+        return self.root / "scores.parquet"
+
+    def summary_is_stale(self) -> bool:
+        """True if a result is younger than the long table, which a run that was killed did not come to write."""
+        if not self.summary_path.is_file():
+            return True
+        written = self.summary_path.stat().st_mtime_ns
+        return any(path.stat().st_mtime_ns > written for path in self.record_paths())
 
     @property
     def run_path(self) -> Path:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-__all__ = ["BadInput", "OrcaError", "Unavailable", "Unknown"]
+__all__ = ["BadInput", "CannotWrite", "OrcaError", "TimedOut", "Unavailable", "Unknown"]
 
 
 class OrcaError(Exception):
@@ -30,6 +30,12 @@ class BadInput(OrcaError, ValueError):
     kind = "bad_input"
 
 
+class CannotWrite(BadInput):
+    """The place for results is full, read-only or gone. It ends a run: it says nothing about what was being measured."""
+
+    kind = "cannot_write"
+
+
 class Unknown(BadInput):
     """A name that no registry knows."""
 
@@ -40,3 +46,9 @@ class Unavailable(OrcaError):
     """Something optional is not here: weights, a package, a data set. Says which file goes where."""
 
     kind = "unavailable"
+
+
+class TimedOut(OrcaError):
+    """Something took longer than it was given."""
+
+    kind = "timed_out"

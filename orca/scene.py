@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
@@ -12,6 +11,7 @@ import numpy as np
 import torch
 
 from orca.anchors import GaussianAnchors
+from orca.atomic import atomic_path
 from orca.camera import Camera
 from orca.config import RenderConfig
 from orca.conventions import Float32Array
@@ -82,11 +82,8 @@ class Scene:
             },
             "provenance": self.provenance,
         }
-        path = Path(path)
-        path.parent.mkdir(parents=True, exist_ok=True)
-        temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
-        temporary.write_bytes(save(tensors, metadata={"orca_scene": json.dumps(document, sort_keys=True)}))
-        os.replace(temporary, path)
+        with atomic_path(path) as temporary:
+            temporary.write_bytes(save(tensors, metadata={"orca_scene": json.dumps(document, sort_keys=True)}))
 
     @staticmethod
     def load(path: Path | str) -> Scene:

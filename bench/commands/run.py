@@ -93,6 +93,7 @@ def _request(args: argparse.Namespace) -> RunRequest:
         argv=tuple(args.argv),
         codec_match=args.codec_match,
         score_cache=args.score_cache,
+        cell_timeout=_cell_timeout(args.cell_timeout),
     )
 
 
@@ -116,6 +117,12 @@ def _llava_endpoint(args: argparse.Namespace) -> LlavaEndpoint | None:
     if given:
         raise BadInput("options of a LLaVA endpoint without one", "--llava-url with them", "give its address")
     return None
+
+
+def _cell_timeout(seconds: float | None) -> float | None:
+    if seconds is not None and not 0 < seconds < 1e8:
+        raise BadInput(f"--cell-timeout {seconds:g}", "more than 0 seconds", "leave it out for no limit")
+    return seconds
 
 
 def _checked_device(device: str) -> str:

@@ -18,6 +18,7 @@ from urllib.parse import urlsplit
 
 from orca.atomic import output_folder
 from orca.errors import BadInput, Unavailable
+from orca.faults import fault_point
 
 __all__ = ["Fetcher", "Progress", "is_https", "sha256_of"]
 
@@ -85,7 +86,9 @@ class Fetcher:
                 raise BadInput(
                     f"{url} has SHA-256 {found}", f"{sha256}", "the public file has changed, or was tampered with"
                 )
+            fault_point("written", target)
             os.replace(part, target)
+            fault_point("named", target)
 
     def _attempt_all(
         self, url: str, target: Path, file: IO[bytes], max_bytes: int, sha256: str | None, progress: Progress

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import logging
 import os
@@ -9,7 +10,8 @@ import threading
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
-from orca.errors import BadInput
+from orca.errors import BadInput, CannotWrite
+from orca.faults import fault_point
 
 __all__ = ["Answers", "Question"]
 
@@ -71,12 +73,17 @@ class Answers:
             path.parent.mkdir(parents=True, exist_ok=True)
             file = os.open(path, os.O_WRONLY | os.O_APPEND | os.O_CREAT, 0o644)
             try:
-                os.write(file, line.encode("utf-8", "backslashreplace"))
+                fault_point("made", path)
+                content = line.encode("utf-8", "backslashreplace")
+                if os.write(file, content) < len(content):
+                    self._torn = True
+                    raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
                 os.fsync(file)
+                fault_point("named", path)
             finally:
                 os.close(file)
         except OSError as error:
-            raise BadInput(
+            raise CannotWrite(
                 f"{path} cannot be written ({error})", "a file that can be added to", "see --out, or free some space"
             ) from error
         self._torn = False

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from bench.trajectories.trajectory import Trajectory
+from orca.atomic import atomic_path
 from orca.camera import Camera
 from orca.camera_file import read_camera_document
 from orca.conventions import Float64Array
@@ -66,8 +67,8 @@ def save_trajectory(trajectory: Trajectory, path: Path) -> None:
     """Write a camera file that `load_trajectory` reads back with the same hash."""
     import json
 
-    path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(json.dumps(trajectory.to_json()), encoding="utf-8")
+    with atomic_path(path) as temporary:
+        temporary.write_text(json.dumps(trajectory.to_json()), encoding="utf-8")
 
 
 def evenly_spaced(n_frames: int, n: int = EVAL_FRAMES) -> tuple[int, ...]:
