@@ -31,7 +31,7 @@ class BadInput(OrcaError, ValueError):
 
 
 class CannotWrite(BadInput):
-    """The place for results is full, read-only or gone. It ends a run: it says nothing about what was being measured."""
+    """The place for results is full, read-only or gone: that ends a run, and says nothing of a method."""
 
     kind = "cannot_write"
 
