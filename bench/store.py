@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import fcntl
 import json
 import shutil
 from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -49,7 +51,8 @@ def _present_form(document: dict[str, Any]) -> dict[str, Any]:
     plain = unsealed(document)
     started = plain.pop("started", None)
     timing = {**({} if started is None else {"started": started}), **plain.get("timing", {})}
-    identity = {"codec": None, **plain["identity"]}
+    identity = dict(plain["identity"])
+    identity.setdefault("codec", None)
     return {**plain, "schema_version": SCHEMA_VERSION, "identity": identity, "timing": timing}
 
 
@@ -121,6 +124,17 @@ class RunStore:
             return True
         written = self.summary_path.stat().st_mtime_ns
         return any(path.stat().st_mtime_ns > written for path in self.record_paths())
+
+    @contextmanager
+    def alone(self) -> Iterator[None]:
+        """Hold back other processes, here or on machines that share the folder, that would change ``run.json`` too.
+
+        Results need no such thing: each is one file, written whole.
+        """
+        output_folder(self.root)
+        with (self.root / ".lock").open("w") as file:
+            fcntl.flock(file, fcntl.LOCK_EX)
+            yield
 
     @property
     def run_path(self) -> Path:
