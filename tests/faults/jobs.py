@@ -1,0 +1,57 @@
+"""What is killed: a bench run of fakes from start to tables, and each writer of orca."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pyarrow.parquet  # noqa: F401 - once, before the forks
+
+import orca.atomic
+from bench.measured import read_runs
+from bench.provenance import code_state
+from bench.runner import RunRequest, run_bench
+from bench.tables import dataset_table, scene_table, write_tables
+from tests.bench import spine_fakes as fakes
+
+__all__ = ["METRICS", "bench_job"]
+
+code_state()  # likewise
+METHODS = ("dark", "light")
+METRICS = ("bright", "covered", "only_a")
+
+
+def bench_job(
+    out: str,
+    metrics: tuple[str, ...] = METRICS,
+    scenes: tuple[str, ...] = ("a", "b"),
+    switches: dict[str, str] | None = None,
+    log_points: bool = False,
+    retry_failed: bool = False,
+    cell_timeout: float | None = None,
+) -> dict[str, Any]:
+    """What `bench run` does after its command line was read: run, then tables.
+
+    Returns:
+        How often each fake was called, the failed cells, and the write points that were passed, as [step, path].
+    """
+    fakes.reset()
+    fakes.SWITCHES.update(switches or {})
+    points = _logged_points() if log_points else []
+    request = RunRequest(fakes.FakeDataset(), tuple(scenes), METHODS, tuple(metrics), Path(out))
+    request = replace(request, retry_failed=retry_failed, cell_timeout=cell_timeout)
+    summary = run_bench(request, methods=fakes.METHODS, metrics=fakes.METRICS)
+    run = read_runs([Path(out)])
+    write_tables(Path(out) / "tables", (dataset_table(run), scene_table(run)))
+    return {"calls": dict(fakes.CALLS), "failed": summary.failed, "points": points}
+
+
+def _logged_points() -> list[tuple[str, str]]:
+    points: list[tuple[str, str]] = []
+
+    def logged(step: str, target: Path, unfinished: Path | None = None) -> None:
+        points.append((step, str(target)))
+
+    orca.atomic.fault_point = logged
+    return points
