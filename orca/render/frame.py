@@ -102,6 +102,18 @@ def _exp(x: Any) -> Any:
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")  # type: ignore[untyped-decorator]
+def _start_rays(count: int, rays: _Rays, hits: TileHits, samples: _Round) -> int:
+    """All light left, at the first hit; returns how many of ``count`` rays hit anything."""
+    n = 0
+    for r in range(count):
+        rays.cursor[r], rays.layer[r, 1], rays.passed[r] = hits.start[r], 0, 1
+        if hits.length[r] > 0:
+            samples.ray[n] = r
+            n += 1
+    return n
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")  # type: ignore[untyped-decorator]
 def _next_layers(rays: _Rays, hits: TileHits, samples: _Round, n: int, gaps: tuple[float, float]) -> None:
     """Where the surface that each ray's next hit lies on begins and ends."""
     for s in range(n):
@@ -281,12 +293,7 @@ def render_tiles(
         overflow += collect_tile(tile, size, where, mode.limits, mode.most, hits)
         if mode.layered:
             _responses(hits.m2[: hits.total[0]])
-        n = 0
-        for r in range((box[2] - box[0]) * (box[3] - box[1])):
-            rays.cursor[r], rays.layer[r, 1], rays.passed[r] = hits.start[r], 0, 1
-            if hits.length[r] > 0:
-                samples.ray[n] = r
-                n += 1
+        n = _start_rays((box[2] - box[0]) * (box[3] - box[1]), rays, hits, samples)
         while n > 0:
             _aggregate_round(rays, hits, samples, n, field, mode)
             n = _composite_round(rays, hits, samples, n, field, box, size[0], out)

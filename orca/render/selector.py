@@ -117,12 +117,13 @@ def _collect(
         if used + n > capacity:
             capacity = 2 * (used + n)
             more_anchor, more_values = np.empty(capacity, np.int32), np.empty((3, capacity), np.float32)
-            more_anchor[:used], more_values[:, :used] = anchor[:used], values[:, :used]
+            for k in range(used):  # slices would take seconds longer to compile
+                more_anchor[k] = anchor[k]
+                more_values[0, k], more_values[1, k], more_values[2, k] = values[0, k], values[1, k], values[2, k]
             anchor, values = more_anchor, more_values
-        anchor[used : used + n] = hits.anchor[:n]
-        values[0, used : used + n] = hits.t[:n]
-        values[1, used : used + n] = hits.m2[:n]
-        values[2, used : used + n] = hits.a[:n]
+        for k in range(n):
+            anchor[used + k] = hits.anchor[k]
+            values[0, used + k], values[1, used + k], values[2, used + k] = hits.t[k], hits.m2[k], hits.a[k]
         for y in range(y0, y1):
             for x in range(x0, x1):
                 r = (y - y0) * (x1 - x0) + x - x0
@@ -132,7 +133,6 @@ def _collect(
     return overflow, (anchor[:used], values[0, :used], values[1, :used], values[2, :used])
 
 
-@numba.njit(cache=True, nogil=True)  # type: ignore[untyped-decorator]
 def _shift(first: int, end: int, size: tuple[int, int], start: NDArray[np.int64], base: int) -> None:
     for tile in range(first, end):
         x0, y0, x1, y1 = tile_box(tile, size)

@@ -27,7 +27,7 @@ __all__ = [
 ]
 
 TILE = 32  # side in pixels
-_FEW = 32  # hits of a ray up to which insertion beats a library sort
+_STEPS = (1750, 701, 301, 132, 57, 23, 1)  # of Shell's sort
 
 
 class Footprints(NamedTuple):
@@ -221,31 +221,18 @@ def _deal(total: int, rays: int, hits: TileHits) -> None:
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")  # type: ignore[untyped-decorator]
 def _sort(rays: int, hits: TileHits) -> None:
-    """Sort the hits of every ray by t; stable, so equal depths keep ascending anchors."""
+    """Sort the hits of every ray by (t, anchor): Shell's sort, which on few hits is insertion."""
     anchor, t, m2, a = hits.anchor, hits.t, hits.m2, hits.a
     for r in range(rays):
         low, end = hits.start[r], hits.start[r] + hits.length[r]
-        if end - low > _FEW:
-            _sort_many(low, end, anchor, t, m2, a)
-            continue
-        for i in range(low + 1, end):
-            if t[i - 1] <= t[i]:
-                continue
-            j, of, depth, distance, precision = i, anchor[i], t[i], m2[i], a[i]
-            while j > low and t[j - 1] > depth:
-                anchor[j], t[j], m2[j], a[j] = anchor[j - 1], t[j - 1], m2[j - 1], a[j - 1]
-                j -= 1
-            anchor[j], t[j], m2[j], a[j] = of, depth, distance, precision
-
-
-@numba.njit(cache=True, nogil=True, error_model="numpy")  # type: ignore[untyped-decorator]
-def _sort_many(
-    low: int, end: int, anchor: NDArray[np.int32], t: Float32Array, m2: Float32Array, a: Float32Array
-) -> None:
-    order = np.argsort(t[low:end], kind="mergesort")
-    for values in (t, m2, a):
-        values[low:end] = values[low:end][order]
-    anchor[low:end] = anchor[low:end][order]
+        for step in _STEPS:
+            for i in range(low + step, end):
+                of, depth, distance, precision = anchor[i], t[i], m2[i], a[i]
+                j, k = i, i - step
+                while k >= low and (t[k] > depth or (t[k] == depth and anchor[k] > of)):
+                    anchor[j], t[j], m2[j], a[j] = anchor[k], t[k], m2[k], a[k]
+                    j, k = k, k - step
+                anchor[j], t[j], m2[j], a[j] = of, depth, distance, precision
 
 
 @numba.njit(cache=True, inline="always", error_model="numpy")  # type: ignore[untyped-decorator]

@@ -158,9 +158,9 @@ def _paste(
     short = candidates
     if len(candidates) > _SHORT_LIST * matches and len(coarse) >= 4:
         cost, _ = _compare(pixels, candidates, centre, coarse, offset_weight)
-        short = candidates[np.argsort(cost)[: _SHORT_LIST * matches]]
+        short = candidates[_lowest(cost, _SHORT_LIST * matches)]
     cost, offset = _compare(pixels, short, centre, shifts, offset_weight)
-    order = np.argsort(cost)[:matches]
+    order = _lowest(cost, min(matches, len(cost)))
     weight = np.exp(-(cost[order] - cost[order[0]]) / (2.0 * (cost[order[0]] + _NOISE)))
     weight /= weight.sum()
     sure = 0.0
@@ -180,6 +180,22 @@ def _paste(
     for v in range(y - radius, y + radius + 1):
         for u in range(x - radius, x + radius + 1):
             known[v, u] |= hole[v, u]
+
+
+@numba.njit(cache=True, nogil=True)  # type: ignore[untyped-decorator]
+def _lowest(cost: Float32Array, n: int) -> NDArray[np.int64]:
+    """Indices of the ``n`` lowest costs, the lowest first; of equal ones the first."""
+    order, filled = np.empty(n, np.int64), 0
+    for i in range(len(cost)):
+        if filled == n and cost[i] >= cost[order[n - 1]]:
+            continue
+        j = min(filled, n - 1)
+        while j > 0 and cost[order[j - 1]] > cost[i]:
+            order[j] = order[j - 1]
+            j -= 1
+        order[j] = i
+        filled = min(filled + 1, n)
+    return order
 
 
 @numba.njit(cache=True, nogil=True)  # type: ignore[untyped-decorator]
