@@ -8,6 +8,7 @@ from typing import Any
 
 __all__ = [
     "add_cameras",
+    "add_chart",
     "add_compare",
     "add_depth",
     "add_download",
@@ -15,6 +16,7 @@ __all__ = [
     "add_report",
     "add_run",
     "add_speed",
+    "add_sweep",
     "add_table",
     "add_tsed",
     "add_validate",
@@ -39,7 +41,26 @@ def add_run(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--score-cache", type=Path, metavar="DIR", help="scores by content (cache/scores in the run)")
     _add_llava(parser)
     parser.add_argument("--retry-failed", action="store_true", help="run failed cells and unavailable scores again")
+    _add_workers(parser)
     parser.add_argument("--cell-timeout", type=float, metavar="S", help="seconds for a method, or a metric (no limit)")
+
+
+def add_sweep(parser: argparse.ArgumentParser) -> None:
+    add_run(parser)
+    parser.description = (
+        "Run points of ORCA beside the baselines, and chart speed against accuracy. A point is a method such as "
+        "orca@anchors=16384+repair=off; `bench list points` says what may be changed. All options are those of run; "
+        "without --methods and --metrics a small list of each."
+    )
+
+
+def add_chart(parser: argparse.ArgumentParser) -> None:
+    parser.description = "Draw cost against quality from the files of runs: a panel a score, the Pareto front in words."
+    names: dict[str, Any] = {"action": "append", "metavar": "A,B"}
+    parser.add_argument("runs", nargs="+", type=Path, metavar="RUN", help="folder of a run; all over one data set")
+    parser.add_argument("--out", type=Path, metavar="DIR", help="gets PNG, SVG, CSV and Markdown (RUN/chart)")
+    parser.add_argument("--metrics", **names, help="panels (every score of the runs)")
+    parser.add_argument("--costs", **names, help="of seconds, render_ms_per_frame, memory, bytes (all)")
 
 
 def add_table(parser: argparse.ArgumentParser) -> None:
@@ -134,9 +155,23 @@ def add_report(parser: argparse.ArgumentParser) -> None:
 
 
 def add_list(parser: argparse.ArgumentParser) -> None:
-    what = ("datasets", "methods", "metrics", "trajectories", "scenes")
+    what = ("datasets", "methods", "points", "metrics", "trajectories", "scenes")
     parser.add_argument("what", choices=what, metavar="WHAT", help=", ".join(what))
     _add_dataset(parser)
+
+
+def _add_workers(parser: argparse.ArgumentParser) -> None:
+    """Who does the work; results do not depend on it. The defaults are those of `bench.executors`."""
+    group = parser.add_argument_group("workers", "A scene is one task; any mix of these goes on where another stopped.")
+    group.add_argument("--jobs", type=int, metavar="N", help="scenes at a time (1; on a cluster as many as it takes)")
+    group.add_argument("--shard", metavar="I/N", help="the I-th of N parts of the data set; bench merge joins them")
+    group.add_argument("--executor", choices=("local", "ray", "slurm"), default="local", help="where (local)")
+    group.add_argument("--address", metavar="HOST:PORT", help="of a Ray cluster, or auto (a new one on this machine)")
+    group.add_argument("--cores-per-scene", type=int, metavar="N", help="cores (local: divided by the jobs; else 1)")
+    group.add_argument("--memory-per-scene", type=float, metavar="GIB", help="memory one scene needs at its peak")
+    group.add_argument("--gpus-per-scene", type=float, metavar="N", help="GPUs (1 with --device cuda, else 0)")
+    option: dict[str, Any] = {"action": "append", "metavar": "KEY=VALUE"}
+    group.add_argument("--slurm", **option, help="passed to submitit: partition=gpu, time=240, ...; cluster=local: here")
 
 
 def _add_llava(parser: argparse.ArgumentParser) -> None:

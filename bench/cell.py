@@ -15,6 +15,7 @@ from bench.codec import ALREADY_CODED, CODEC, coded_output, holding
 from bench.datasets.case import Dataset, SceneCase
 from bench.frames import frame_hashes, load_frames, save_frames, stored_precision
 from bench.host import host_facts
+from bench.memory import peak_memory
 from bench.plan import Work, work_left
 from bench.progress import Reporter
 from bench.provenance import case_hashes, input_files, output_hashes
@@ -123,10 +124,11 @@ class Cell:
                 case = self.case.get()
             record = replace(record, trajectory_sha256=case.trajectory.sha256, inputs=self._inputs(case))
             self._tell("method", 0, 1)
-            started = time.perf_counter()
-            with self._limited(f"method {self.name}", record):
-                output = self.adapter.run(case, self._options())
-            wall = time.perf_counter() - started
+            with peak_memory() as memory:
+                started = time.perf_counter()
+                with self._limited(f"method {self.name}", record):
+                    output = self.adapter.run(case, self._options())
+                wall = time.perf_counter() - started
             self._tell("check", 0, 1)
             check_output(case, output)
             codec, output = self._coded(case, output)
@@ -140,13 +142,15 @@ class Cell:
         output, record = stored_precision(output), replace(record, codec=codec)
         save_frames(self.store.frames_path(self.name, self.scene), output)
         self.store.save_trajectory(case.trajectory)
-        return self._described(record, case, output, wall), output
+        return self._described(record, case, output, {"wall_s": wall, "memory": memory.to_json()}), output
 
-    def _described(self, record: CellRecord, case: SceneCase, output: MethodOutput, wall: float) -> CellRecord:
+    def _described(
+        self, record: CellRecord, case: SceneCase, output: MethodOutput, measured: dict[str, Any]
+    ) -> CellRecord:
         phases = {key: value for key, value in output.timing.items() if key != "render_ms_per_frame"}
         timing = {
             "phases": phases,
-            "wall_s": wall,
+            **measured,
             "load_s": self.case.seconds,
             "render_ms_per_frame": output.timing.get("render_ms_per_frame"),
             "metrics": {},

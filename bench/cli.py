@@ -41,6 +41,8 @@ _VERBS: dict[str, tuple[str, Callable[[argparse.ArgumentParser], None], str]] = 
     "cameras": ("write the cameras to render along", arguments.add_cameras, "cameras:cameras_command"),
     "download": ("fetch data sets, checked by their hashes", arguments.add_download, "download:download_command"),
     "depth": ("rebuild depth maps from published videos", arguments.add_depth, "download:depth_command"),
+    "sweep": ("run points of ORCA and the baselines, chart them", arguments.add_sweep, "sweep:sweep_command"),
+    "chart": ("draw speed against accuracy", arguments.add_chart, "chart:chart_command"),
     "report": ("write a run as one page", arguments.add_report, "report:report_command"),
     "list": ("say which data sets, methods, ... there are", arguments.add_list, "list:list_command"),
 }

@@ -167,7 +167,7 @@ class CellRecord:
             files that it came from; empty in a result of schema version 1.
         codec: what the frames went through before they were scored; None for nothing.
         timing: "phases" (seconds, as the method gave them), "wall_s" (the whole call), "load_s",
-            "render_ms_per_frame", and "metrics" (seconds per metric family).
+            "render_ms_per_frame", "memory" (as `bench.memory` measures it), "metrics" (seconds per metric family).
         host: machine facts of `bench.host`.
         model: size and make of the model, as the method gave it.
         notes: what a reader must know.

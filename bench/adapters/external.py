@@ -19,6 +19,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
+from bench.adapters.points import is_point, parse_point, split_point
 from orca.errors import BadInput
 from orca.priors.spec import PriorSpec, parse_spec
 from orca.registry import Registry
@@ -121,17 +122,25 @@ def parse_external(text: str) -> ExternalSpec:
 
 
 class MethodRegistry(Registry[T]):
-    """The named methods, and those that a user brings: any process that sees the files can open them by their text."""
+    """The named methods, points of them, and those that a user brings: any process can open each by its text."""
 
     def check(self, name: str) -> str:
-        """As `Registry.check`; the text of an external method is checked for its form."""
+        """As `Registry.check`; the text of a point or of an external method is checked for its form."""
         if is_external(name):
             parse_external(name)
+            return name
+        if is_point(name):
+            super().check(split_point(name)[0])
             return name
         return super().check(name)
 
     def get(self, name: str) -> T:
-        """As `Registry.get`; also opens ``[NAME=]KIND:PATH``. Raises `BadInput` for a path that is no folder."""
+        """As `Registry.get`; also opens points of `bench.adapters.points` and ``[NAME=]KIND:PATH``.
+
+        Raises `BadInput` for a path that is no folder.
+        """
+        if is_point(name):
+            return parse_point(name)  # type: ignore[no-any-return]
         if not is_external(name):
             return super().get(name)
         spec = parse_external(name)

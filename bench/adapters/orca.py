@@ -12,6 +12,7 @@ from bench.store import write_json
 from orca.conventions import to_float
 
 if TYPE_CHECKING:
+    from bench.adapters.points import Overrides
     from orca.config import ReconstructConfig
     from orca.pipeline import Reconstruction
     from orca.priors.choose import Priors
@@ -31,11 +32,13 @@ class OrcaMethod:
             by the median ratio of its depth to the reference depth.
         repair: "preset" does what the preset says, "off" leaves disocclusions open, "paper" fills them by the paper's
             plain scheme.
+        overrides: what a point of a sweep changes (`bench.adapters.points`).
     """
 
     name: str
     lifting: Literal["metric", "relative"]
     repair: Literal["preset", "off", "paper"] = "preset"
+    overrides: Overrides | None = None
 
     def version(self, options: RunOptions) -> str:
         """Code version, preset with every resolved constant, and seed."""
@@ -46,15 +49,16 @@ class OrcaMethod:
         digest = hashlib.sha256(json.dumps(config, sort_keys=True).encode()).hexdigest()[:12]
         names = self._priors(options).to_json()  # "auto" depends on which weights are here
         priors = "/".join(str(names[key]) for key in ("outpainter", "inpainter", "depth"))
-        base = f"orca {CODE_VERSION}, {options.preset} {digest}, {self.lifting} lifting, seed {options.seed}"
-        return f"{base}, priors {priors}"
+        base = f"orca {CODE_VERSION}, {self._preset(options)} {digest}, {self.lifting} lifting, seed {options.seed}"
+        changed = "" if self.overrides is None else f", changed {json.dumps(self.overrides.to_json())}"
+        return f"{base}, priors {priors}{changed}"
 
     def run(self, case: SceneCase, options: RunOptions) -> MethodOutput:
         """Reconstruct the scene, then render every evaluated camera."""
         from orca.pipeline import reconstruct
         from orca.priors.depth import DepthEstimate
 
-        config = self._config(options)
+        config = self._config(options, case.camera.width * case.camera.height)
         novel = case.eval_trajectory.cameras()
         truth = tuple(view.camera for view in case.true_views)
         result = reconstruct(
@@ -79,20 +83,26 @@ class OrcaMethod:
 
         return Priors.of(self._config(options), ModelAccess(options.weights_dir, True, options.device), options.seed)
 
-    def _config(self, options: RunOptions) -> ReconstructConfig:
-        """The preset with this method's lifting and repair."""
+    def _config(self, options: RunOptions, pixels: int | None = None) -> ReconstructConfig:
+        """The preset with this method's lifting, repair and overrides; ``pixels`` are those of the input image."""
         from orca.config import get_preset
 
-        config = get_preset(options.preset).with_lifting(self.lifting)
+        config = get_preset(self._preset(options)).with_lifting(self.lifting)
         if self.repair == "off":
-            return replace(config, repair=replace(config.repair, enabled=False))
-        return config if self.repair == "preset" else replace(config, repair=replace(config.repair, fill="paper"))
+            config = replace(config, repair=replace(config.repair, enabled=False))
+        elif self.repair == "paper":
+            config = replace(config, repair=replace(config.repair, fill="paper"))
+        return config if self.overrides is None else self.overrides.applied(config, pixels)
+
+    def _preset(self, options: RunOptions) -> str:
+        return (None if self.overrides is None else self.overrides.preset) or options.preset
 
     def _model(self, result: Reconstruction, options: RunOptions) -> dict[str, object]:
         """Size and make of the scene; the scene file is kept where the run has a place for it."""
         model: dict[str, object] = {key: value for key, value in result.record.items() if key != "seconds"}
         model |= {
-            "preset": options.preset,
+            "preset": self._preset(options),
+            "overrides": {} if self.overrides is None else self.overrides.to_json(),
             "lifting": self.lifting,
             "anchors": result.scene.num_anchors,
             "anchors_by_stage": result.record["anchors"],

@@ -61,6 +61,7 @@ def list_command(args: argparse.Namespace) -> Outcome:
     listings: dict[str, Callable[[], dict[str, str]]] = {
         "datasets": _datasets,
         "methods": _methods,
+        "points": _points,
         "metrics": _metrics,
         "trajectories": _trajectories,
         "scenes": lambda: _scenes(args),
@@ -82,6 +83,13 @@ def _methods() -> dict[str, str]:
     from bench.adapters import METHODS
 
     return {name: METHOD_DESCRIPTIONS.get(name, "") for name in METHODS}
+
+
+def _points() -> dict[str, str]:
+    from bench.adapters.points import KNOBS, SWEEP
+
+    keys = {f"orca@{key}=": f"{knob.what}: {knob.allowed}" for key, knob in KNOBS.items()}
+    return keys | {name: "in the default sweep" for name in SWEEP if "@" in name}
 
 
 def _metrics() -> dict[str, str]:

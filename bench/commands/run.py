@@ -9,8 +9,10 @@ from pathlib import Path
 
 from bench.adapters import METHODS, RunOptions
 from bench.adapters.external import is_external
+from bench.adapters.points import is_point
 from bench.commands.names import chosen
 from bench.commands.outcome import Outcome
+from bench.commands.workers import chosen_executor, what_is_run
 from bench.datasets import open_dataset, resolve_data_root
 from bench.measured import read_runs
 from bench.metrics import METRICS, ON_REQUEST, MetricOptions
@@ -18,6 +20,7 @@ from bench.metrics.llava_endpoint import LlavaEndpoint
 from bench.pairs import pairs_table
 from bench.progress import BarReporter
 from bench.runner import RunRequest, RunSummary, run_bench
+from bench.shard import parse_shard, scenes_of_shard
 from bench.tables import dataset_table, scene_table, write_tables
 from orca.config import get_preset
 from orca.errors import BadInput
@@ -40,7 +43,7 @@ def default_methods(dataset: str) -> tuple[str, ...]:
 def run_command(args: argparse.Namespace) -> Outcome:
     """Run what the command line asks for. Raises `BadInput` before any work is done."""
     request = _request(args)
-    summary = run_bench(request, BarReporter())
+    summary = run_bench(request, BarReporter(), executor=chosen_executor(args))
     run = read_runs([request.out])
     tables = (dataset_table(run), scene_table(run), *([pairs_table(run)] if len(run.methods) > 1 else []))
     written = write_tables(request.out / "tables", tables)
@@ -61,7 +64,7 @@ def run_command(args: argparse.Namespace) -> Outcome:
 
 
 def _request(args: argparse.Namespace) -> RunRequest:
-    methods = chosen("method", args.methods, METHODS, default_methods(args.dataset), is_external)
+    methods = chosen("method", args.methods, METHODS, default_methods(args.dataset), _needs_no_registry)
     metrics = chosen("metric", args.metrics, METRICS, [name for name in METRICS if name not in ON_REQUEST])
     preset = get_preset(args.preset)
     dataset = open_dataset(args.dataset, data_root=args.data_root, images=args.images, trajectory=args.trajectory)
@@ -69,6 +72,8 @@ def _request(args: argparse.Namespace) -> RunRequest:
     scenes = chosen("scene", args.scenes, known, known)
     if not scenes:
         raise BadInput(f"data set {args.dataset} without a scene", "one scene or more", "put images into the folder")
+    if args.shard is not None:
+        scenes = scenes_of_shard(scenes, known, parse_shard(args.shard))
     data_root = resolve_data_root(args.data_root)
     options = RunOptions(
         preset=args.preset,
@@ -88,13 +93,17 @@ def _request(args: argparse.Namespace) -> RunRequest:
         trajectory=args.trajectory,
         retry_failed=args.retry_failed,
         metric_options=MetricOptions(llava=_llava_endpoint(args)),
-        command=shlex.join(["python", "-m", "bench", *(a for a in args.argv if a not in ("--json", "--debug"))]),
+        command=shlex.join(["python", "-m", "bench", *what_is_run(args.argv)]),
         preset_config=preset.to_json(),
         argv=tuple(args.argv),
         codec_match=args.codec_match,
         score_cache=args.score_cache,
         cell_timeout=_cell_timeout(args.cell_timeout),
     )
+
+
+def _needs_no_registry(name: str) -> bool:
+    return is_external(name) or is_point(name)
 
 
 def _weights_dir(given: Path | None, data_root: Path) -> Path | None:
