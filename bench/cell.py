@@ -142,7 +142,8 @@ class Cell:
         output, record = stored_precision(output), replace(record, codec=codec)
         save_frames(self.store.frames_path(self.name, self.scene), output)
         self.store.save_trajectory(case.trajectory)
-        return self._described(record, case, output, {"wall_s": wall, "memory": memory.to_json()}), output
+        record = self._described(record, case, output, {"wall_s": wall, "memory": memory.to_json()})
+        return record, replace(output, model=dict(record.model))  # as it is when it is read back from the disk
 
     def _described(
         self, record: CellRecord, case: SceneCase, output: MethodOutput, measured: dict[str, Any]
