@@ -13,6 +13,7 @@ import numpy as np
 
 from orca.atomic import atomic_path, output_folder
 from orca.camera import Camera
+from orca.compilation import told_of_compilation
 from orca.config import ReconstructConfig, get_preset
 from orca.conventions import Float32Array, to_float
 from orca.errors import BadInput, Unavailable
@@ -50,7 +51,7 @@ def reconstruct(arguments: argparse.Namespace) -> Answer:
     radius = scene_radius(depth.depth, camera)
     cameras = path_in_scene_radii(arguments.trajectory, arguments.frames, camera, radius)
     in_radii = replace(depth, depth=depth.depth / np.float32(radius))
-    with PhaseBars() as bars:
+    with PhaseBars() as bars, told_of_compilation(bars):
         result = run_pipeline(
             image,
             camera,
@@ -84,7 +85,7 @@ def render(arguments: argparse.Namespace) -> Answer:
     radius = float(scene.provenance.get("scene_radius", 1.0))
     cameras = path_in_scene_radii(arguments.trajectory, arguments.frames, scene.camera, radius)
     started = time.perf_counter()
-    with PhaseBars() as bars:
+    with PhaseBars() as bars, told_of_compilation(bars):
         write_preview(scene, cameras, arguments.out, None, arguments.fps, arguments.device, bars)
     seconds = time.perf_counter() - started
     document: dict[str, object] = {

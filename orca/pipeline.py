@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -21,13 +21,14 @@ from orca.field.hashing import HashEncoding
 from orca.priors.choose import Priors
 from orca.priors.depth import DepthEstimate
 from orca.priors.hub import ModelAccess
+from orca.progress import Progress
 from orca.render.renderer import Renderer
 from orca.repair.generative import GenerativePriors
 from orca.repair.insert import InsertConfig
 from orca.repair.loop import repair
 from orca.scene import Scene
 from orca.stages.canvas import Canvas, make_canvas
-from orca.stages.deform import cleaned_depth, deform, sample_depth
+from orca.stages.deform import cleaned_depth, deform, log_depth_slopes, sample_depth
 from orca.stages.observations import Observation, observations
 from orca.stages.planar import PlanarGrid, place, planar_anchors, rest_positions
 from orca.stages.rims import shrink_rims
@@ -37,8 +38,6 @@ from orca.stages.train import TrainPlan, train
 __all__ = ["Reconstruction", "reconstruct"]
 
 _MARGIN_RESOLUTION = 4.0  # the outpainted margin is blurred; its anchors need no finer observations than this
-
-Progress = Callable[[str, int, int], None]
 
 
 @dataclass(frozen=True, eq=False)
@@ -202,7 +201,7 @@ def _stage_deform(
     depth = cleaned_depth(canvas.depth, config.deform)
     lifted = deform(anchors, depth, canvas.camera, config.deform)
     if config.planar.initialisation == "closed_form":
-        lifted = _narrow_rims(lifted, grid, depth, config)
+        lifted = _narrow_rims(lifted, grid, depth, canvas, config)
     lifted = _place(lifted, canvas, run)
     _note_psnr(run, "deformed", lifted, decoders, observed[0])
     if config.planar.initialisation == "closed_form":
@@ -232,12 +231,14 @@ def _place(anchors: GaussianAnchors, canvas: Canvas, run: _Run) -> GaussianAncho
 
 
 def _narrow_rims(
-    anchors: GaussianAnchors, grid: PlanarGrid, depth: Float32Array, config: ReconstructConfig
+    anchors: GaussianAnchors, grid: PlanarGrid, depth: Float32Array, canvas: Canvas, config: ReconstructConfig
 ) -> GaussianAnchors:
     """Anchors beside depth edges that end where the far surface begins."""
+    focal = np.diag(canvas.camera.K)[:2]
+    slopes = log_depth_slopes(depth, grid.pixels, canvas.camera, config.deform.max_slope) / focal
     reach = math.sqrt(config.render.chi2) * config.planar.kappa * grid.spacing
     rims = (config.deform.rim_ratio, config.deform.rim_extent, config.deform.rim_clearance)
-    return shrink_rims(anchors, grid.pixels, reach, depth, *rims)
+    return shrink_rims(anchors, grid.pixels, reach, depth, *rims, slopes)
 
 
 def _train(

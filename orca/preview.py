@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -11,14 +11,13 @@ import numpy as np
 from orca.camera import Camera
 from orca.conventions import UInt8Array, to_uint8
 from orca.images import save_image
+from orca.progress import Progress
 from orca.video import write_video
 
 if TYPE_CHECKING:
     from orca.scene import Scene
 
 __all__ = ["contact_sheet", "render_frames", "write_preview"]
-
-Progress = Callable[[str, int, int], None]
 
 _SHEET_WIDTH = 1536
 _SHEET_VIEWS = 6

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Callable
 from types import TracebackType
 from typing import Any
 
-__all__ = ["PhaseBars"]
+__all__ = ["PhaseBars", "Progress"]
+
+Progress = Callable[[str, int, int], None]  # called as progress(phase, done, total)
 
 
 class PhaseBars:

@@ -158,11 +158,15 @@ def _paste(
     short = candidates
     if len(candidates) > _SHORT_LIST * matches and len(coarse) >= 4:
         cost, _ = _compare(pixels, candidates, centre, coarse, offset_weight)
-        short = candidates[_lowest(cost, _SHORT_LIST * matches)]
+        short = _lowest(cost, _SHORT_LIST * matches)
+        for k in range(len(short)):
+            short[k] = candidates[short[k]]
     cost, offset = _compare(pixels, short, centre, shifts, offset_weight)
     order = _lowest(cost, min(matches, len(cost)))
-    weight = np.exp(-(cost[order] - cost[order[0]]) / (2.0 * (cost[order[0]] + _NOISE)))
-    weight /= weight.sum()
+    weight, total, least = np.empty(len(order)), 0.0, cost[order[0]]
+    for k in range(len(order)):
+        weight[k] = np.exp(-(cost[order[k]] - least) / (2.0 * (least + _NOISE)))
+        total += weight[k]
     sure = 0.0
     for v in range(y - radius, y + radius + 1):
         for u in range(x - radius, x + radius + 1):
@@ -175,7 +179,7 @@ def _paste(
                     value = 0.0
                     for k in range(len(order)):
                         value += weight[k] * (pixels[short[order[k]] + shift, c] + offset[order[k], c])
-                    image[v, u, c] = value
+                    image[v, u, c] = value / total
                 confidence[v, u] = sure / (2 * radius + 1) ** 2
     for v in range(y - radius, y + radius + 1):
         for u in range(x - radius, x + radius + 1):
@@ -223,7 +227,8 @@ def _compare(
     count = np.float32(len(shifts))
     here = np.empty((len(shifts), 4), np.float32)
     for j in range(len(shifts)):
-        here[j] = pixels[centre + shifts[j]]
+        for c in range(4):
+            here[j, c] = pixels[centre + shifts[j], c]
     cost, offset = np.empty(len(candidates), np.float32), np.empty((len(candidates), 4), np.float32)
     for k in range(len(candidates)):
         s0, s1, s2, s3 = np.float32(0), np.float32(0), np.float32(0), np.float32(0)

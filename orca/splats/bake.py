@@ -7,7 +7,7 @@ renderings of the input view and of a few views of the path. Positions and orien
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -16,6 +16,7 @@ import numpy as np
 from orca.camera import Camera
 from orca.conventions import Float32Array
 from orca.errors import BadInput
+from orca.progress import Progress
 from orca.splats.gradient import Footprints, footprints, loss_and_gradient
 from orca.splats.model import Splats
 
@@ -25,7 +26,6 @@ if TYPE_CHECKING:
 
 __all__ = ["BakeConfig", "anchor_splats", "bake", "fitted_frames", "splat_opacities"]
 
-Progress = Callable[[str, int, int], None]
 _MOMENTUM, _INERTIA = 0.9, 0.98  # Adam's betas; the second forgets within the steps that there are
 
 
