@@ -55,13 +55,22 @@ class OrcaMethod:
 
     def run(self, case: SceneCase, options: RunOptions) -> MethodOutput:
         """Reconstruct the scene, then render every evaluated camera."""
+        from orca.compilation import told_of_compilation
+
+        with told_of_compilation(options.progress):
+            result = self._reconstruct(case, options)
+            render = result.scene.renderer(options.device).render
+            model, seconds = self._model(result, options), result.record["seconds"]
+            return render_case(render, case, options, model, seconds=seconds)
+
+    def _reconstruct(self, case: SceneCase, options: RunOptions) -> Reconstruction:
         from orca.pipeline import reconstruct
         from orca.priors.depth import DepthEstimate
 
         config = self._config(options, case.camera.width * case.camera.height)
         novel = case.eval_trajectory.cameras()
         truth = tuple(view.camera for view in case.true_views)
-        result = reconstruct(
+        return reconstruct(
             to_float(case.image),
             case.camera,
             DepthEstimate(case.depth, case.depth_source, case.depth_is_metric, is_measured=case.depth_is_measured),
@@ -73,8 +82,6 @@ class OrcaMethod:
             device=options.device,
             progress=options.progress,
         )
-        render = result.scene.renderer(options.device).render
-        return render_case(render, case, options, self._model(result, options), seconds=result.record["seconds"])
 
     def _priors(self, options: RunOptions) -> Priors:
         """What is not in the image comes from weights on this machine; a run downloads nothing."""
