@@ -12,7 +12,7 @@ import orca.atomic
 from bench.measured import read_runs
 from bench.provenance import code_state
 from bench.runner import RunRequest, run_bench
-from bench.tables import dataset_table, scene_table, write_tables
+from bench.tables import scene_table, write_tables
 from tests.bench import spine_fakes as fakes
 
 __all__ = ["METRICS", "bench_job"]
@@ -42,8 +42,7 @@ def bench_job(
     request = RunRequest(fakes.FakeDataset(), tuple(scenes), METHODS, tuple(metrics), Path(out))
     request = replace(request, retry_failed=retry_failed, cell_timeout=cell_timeout)
     summary = run_bench(request, methods=fakes.METHODS, metrics=fakes.METRICS)
-    run = read_runs([Path(out)])
-    write_tables(Path(out) / "tables", (dataset_table(run), scene_table(run)))
+    write_tables(Path(out) / "tables", (scene_table(read_runs([Path(out)])),))
     return {"calls": dict(fakes.CALLS), "failed": summary.failed, "points": points}
 
 
