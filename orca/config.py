@@ -110,6 +110,7 @@ class PlacementConfig:
     Attributes:
         kind: "quadtree" places them by need, "grid" on a regular grid (P).
         margin_importance: how much an error in the outpainted margin counts against one in the original.
+        margin_cell: side of the largest cells in the outpainted margin, in pixels: a power of two, at least 8.
         edge_ratio: neighbouring depths further apart than this ratio are a depth edge.
         edge_weight: how much a cell across a depth edge costs, in units of the local colour variance ...
         edge_floor: ... to which this is added, since silhouettes move in novel views whatever their contrast.
@@ -117,6 +118,7 @@ class PlacementConfig:
 
     kind: Literal["quadtree", "grid"] = "quadtree"
     margin_importance: float = 0.25
+    margin_cell: int = 16
     edge_ratio: float = 1.1
     edge_weight: float = 0.5
     edge_floor: float = 0.005

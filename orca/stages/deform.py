@@ -27,6 +27,7 @@ __all__ = [
     "cleaned_depth",
     "deform",
     "denoise_depth",
+    "log_depth_slopes",
     "metric_target",
     "sample_depth",
     "sharpen_depth",
@@ -56,7 +57,7 @@ def deform(anchors: GaussianAnchors, depth: Float32Array, camera: Camera, config
     gamma = target(sampled) / means[:, 2]
     slopes = np.zeros((len(means), 2))
     if config.follow_slope:
-        slopes = _log_depth_slopes(target(depth), pixels, camera, config.max_slope)
+        slopes = log_depth_slopes(target(depth), pixels, camera, config.max_slope)
     log_variances, quaternions = _push_forward(anchors, torch.from_numpy(gamma), torch.from_numpy(slopes))
     moved = torch.from_numpy((means * gamma[:, None]).astype(np.float32))
     return replace(anchors, means=moved, log_variances=log_variances, quaternions=quaternions)
@@ -173,7 +174,7 @@ def sharpen_depth(depth: Float32Array, edge_ratio: float, radius: int = 3) -> Fl
     return np.asarray(np.where(edge, np.exp(snapped), depth), np.float32)
 
 
-def _log_depth_slopes(depth: Float64Array, pixels: Float64Array, camera: Camera, max_slope: float) -> Float64Array:
+def log_depth_slopes(depth: NDArray[Any], pixels: Float64Array, camera: Camera, max_slope: float) -> Float64Array:
     """d log z / d(tangent) at each anchor, [N, 2], in units of the normalised image plane; zero at depth edges."""
     # Beyond the border the depth goes on as it came, so that a slope has the same slope there.
     padded = np.pad(np.log(depth), 5, mode="reflect", reflect_type="odd")

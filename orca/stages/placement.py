@@ -2,7 +2,8 @@
 
 Cells of 8 pixels are split into four as long as the budget lasts, in the order of what a split gains: the squared
 colour error that cells of this size leave and cells of half the size do not. Inside one level the anchors stand on a
-regular grid, which METHOD.md 1.1 measured to be better than a jittered one.
+regular grid, which METHOD.md 1.1 measured to be better than a jittered one. The outpainted margin, which is blurred and
+seen at the border of some views, starts from coarser cells.
 """
 
 from __future__ import annotations
@@ -17,10 +18,11 @@ from numpy.typing import NDArray
 from orca.config import PlacementConfig
 from orca.conventions import Float32Array, Float64Array
 
-__all__ = ["Cells", "quadtree"]
+__all__ = ["Cells", "cell_of_pixel", "depth_edges", "edge_error", "quadtree", "split_cells"]
 
-LEVELS = (8, 4, 2, 1)  # cell sizes in pixels
+LEVELS = (8, 4, 2, 1)  # cell sizes in pixels, inside the original
 _ROUNDING = 1e-10  # squared error that is rounding and not texture; one step of 8 bits is 1.5e-5
+_LARGEST = float(np.finfo(np.float64).max)
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,36 +44,89 @@ def quadtree(
     importance: Float32Array,  # [H, W], how much an error at a pixel counts
     budget: int,
     config: PlacementConfig,
+    margin: NDArray[np.bool_] | None = None,  # [H, W], what lies outside the original; nothing by default
 ) -> Cells:
-    """At most ``budget`` cells that cover the image (never fewer than one per 8x8 pixels)."""
+    """At most ``budget`` cells that cover the image.
+
+    Never fewer than one per 8x8 pixels; in the margin, where it crosses no depth edge, one per square of
+    ``config.margin_cell``.
+    """
     height, width = depth.shape
-    rows, columns = -(-height // LEVELS[0]), -(-width // LEVELS[0])
-    pad = ((0, rows * LEVELS[0] - height), (0, columns * LEVELS[0] - width))
+    sizes = _sizes(config.margin_cell if margin is not None and margin.any() else LEVELS[0])
+    rows, columns = -(-height // sizes[0]), -(-width // sizes[0])
+    pad = ((0, rows * sizes[0] - height), (0, columns * sizes[0] - width))
     image = np.pad(image, (*pad, (0, 0)), mode="edge")
     depth, importance = np.pad(depth, pad, mode="edge"), np.pad(importance, pad)
-    merits = _merits(image, depth, importance, config)
+    merits = _merits(image, depth, importance, sizes, config)
+    if margin is not None and sizes[0] > LEVELS[0]:
+        fine = np.pad(~margin, pad) | depth_edges(depth, config)
+        for merit, size in zip(merits[: 1 - len(LEVELS)], sizes, strict=False):
+            merit[_cell_sums(fine, size) > 0] = np.inf
     threshold = _threshold(merits, rows * columns, budget)
-    centres, sizes = [], []
+    centres, sides = [], []
     alive = np.ones((rows, columns), bool)
-    for size, merit in zip(LEVELS, [*merits, None], strict=True):
+    for size, merit in zip(sizes, [*merits, None], strict=True):
         split = np.zeros_like(alive) if merit is None else alive & (merit > threshold)
         y, x = np.nonzero(alive & ~split)
         centres.append(np.stack([x + 0.5, y + 0.5], 1) * size)
-        sizes.append(np.full(len(x), float(size)))
+        sides.append(np.full(len(x), float(size)))
         alive = np.kron(split, np.ones((2, 2), bool))
-    cells = Cells(np.concatenate(centres), np.concatenate(sizes))
-    # Cells of the padding that do not reach into the image serve nothing.
-    keep = (cells.centres - cells.sizes[:, None] / 2 < [width, height]).all(1)
+    return _within(Cells(np.concatenate(centres), np.concatenate(sides)), width, height)
+
+
+def split_cells(cells: Cells, which: NDArray[np.bool_], width: int, height: int) -> tuple[Cells, NDArray[np.int64]]:
+    """The cells with some of them replaced by their quarters, and which cell each of them was or came from, [N]."""
+    quarters = np.array([[-0.5, -0.5], [0.5, -0.5], [-0.5, 0.5], [0.5, 0.5]])
+    sides = np.repeat(cells.sizes[which] / 2, 4)
+    centres = np.repeat(cells.centres[which], 4, axis=0) + np.tile(quarters, (int(which.sum()), 1)) * sides[:, None]
+    origin = np.concatenate([np.flatnonzero(~which), np.repeat(np.flatnonzero(which), 4)])
+    whole = Cells(np.concatenate([cells.centres[~which], centres]), np.concatenate([cells.sizes[~which], sides]))
+    keep = _reaching(whole, width, height)
+    return Cells(whole.centres[keep], whole.sizes[keep]), origin[keep]
+
+
+def cell_of_pixel(cells: Cells, width: int, height: int) -> NDArray[np.int64]:
+    """Index of the cell that each pixel lies in, [H, W]; the cells cover the image once."""
+    out = np.zeros((height, width), np.int64)
+    for size in np.unique(cells.sizes).astype(int):
+        (chosen,) = np.nonzero(cells.sizes == size)
+        column, row = np.floor(cells.centres[chosen] / size).astype(int).T
+        grid = np.full((-(-height // size), -(-width // size)), -1, np.int64)
+        grid[row, column] = chosen
+        index = np.repeat(np.repeat(grid, size, axis=0), size, axis=1)[:height, :width]
+        np.copyto(out, index, where=index >= 0)
+    return out
+
+
+def _sizes(largest: int) -> tuple[int, ...]:
+    """Cell sizes from the largest down to a pixel."""
+    sizes = [max(LEVELS[0], 1 << (largest.bit_length() - 1))]
+    while sizes[-1] > 1:
+        sizes.append(sizes[-1] // 2)
+    return tuple(sizes)
+
+
+def _reaching(cells: Cells, width: int, height: int) -> NDArray[np.bool_]:
+    """Cells that reach into the image; those of its padding serve nothing."""
+    return np.asarray((cells.centres - cells.sizes[:, None] / 2 < [width, height]).all(1))
+
+
+def _within(cells: Cells, width: int, height: int) -> Cells:
+    keep = _reaching(cells, width, height)
     return Cells(cells.centres[keep], cells.sizes[keep])
 
 
 def _merits(
-    image: Float32Array, depth: Float32Array, importance: Float32Array, config: PlacementConfig
+    image: Float32Array,
+    depth: Float32Array,
+    importance: Float32Array,
+    sizes: Sequence[int],
+    config: PlacementConfig,
 ) -> list[Float64Array]:
-    """What splitting each cell of 8, 4 and 2 pixels gains, or the best gain that it makes possible further down."""
-    errors = [_error(image, size) * importance for size in LEVELS[:-1]] + [np.zeros_like(importance)]
-    gains = [np.maximum(_cell_sums(errors[i] - errors[i + 1], LEVELS[i]), 0) for i in range(len(LEVELS) - 1)]
-    gains[-1] = gains[-1] + _cell_sums(_edge_error(image, depth, config) * importance, LEVELS[-2])
+    """What splitting each cell of each size but the last gains, or the best gain that it makes possible further down."""
+    errors = [_error(image, size) * importance for size in sizes[:-1]] + [np.zeros_like(importance)]
+    gains = [np.maximum(_cell_sums(errors[i] - errors[i + 1], sizes[i]), 0) for i in range(len(sizes) - 1)]
+    gains[-1] = gains[-1] + _cell_sums(edge_error(image, depth, config) * importance, sizes[-2])
     for i in range(len(gains) - 2, -1, -1):
         children = gains[i + 1].reshape(gains[i].shape[0], 2, gains[i].shape[1], 2).max((1, 3))
         gains[i] = np.maximum(gains[i], children)
@@ -87,27 +142,31 @@ def _error(image: Float32Array, size: int) -> Float32Array:
     return np.asarray(np.where(error > _ROUNDING, error, 0), np.float32)
 
 
-def _edge_error(image: Float32Array, depth: Float32Array, config: PlacementConfig) -> Float32Array:
-    """What a cell across a depth edge costs: near and far anchors cannot share a pixel, so colours there do not mix."""
+def depth_edges(depth: Float32Array, config: PlacementConfig) -> NDArray[np.bool_]:
+    """Pixels whose neighbourhood of 3x3 holds two depths further apart than ``config.edge_ratio``, [H, W]."""
     log = np.log(depth)
     kernel = np.ones((3, 3), np.uint8)
-    edge = cv2.dilate(log, kernel) - cv2.erode(log, kernel) > np.log(config.edge_ratio)
-    edge = cv2.dilate(edge.astype(np.uint8), kernel).astype(bool)
+    return np.asarray(cv2.dilate(log, kernel) - cv2.erode(log, kernel) > np.log(config.edge_ratio))
+
+
+def edge_error(image: Float32Array, depth: Float32Array, config: PlacementConfig) -> Float32Array:
+    """What a cell across a depth edge costs: near and far anchors cannot share a pixel, so colours there do not mix."""
+    edge = cv2.dilate(depth_edges(depth, config).astype(np.uint8), np.ones((3, 3), np.uint8)).astype(bool)
     mean = cv2.blur(image, (5, 5))
     variance = np.maximum(cv2.blur(np.square(image), (5, 5)) - np.square(mean), 0).sum(2)
     return np.asarray(np.where(edge, config.edge_weight * (variance + config.edge_floor), 0), np.float32)
 
 
-def _cell_sums(values: NDArray[np.floating], size: int) -> Float64Array:
+def _cell_sums(values: NDArray[np.floating] | NDArray[np.bool_], size: int) -> Float64Array:
     height, width = values.shape
     blocks = values.reshape(height // size, size, width // size, size)
     return np.asarray(blocks.sum((1, 3), dtype=np.float64))
 
 
 def _threshold(merits: Sequence[Float64Array], roots: int, budget: int) -> float:
-    """The merit above which cells are split: each split adds three cells."""
+    """The merit above which cells are split: each split adds three cells. Infinite merits are split in any case."""
     splits = max(0, (budget - roots) // 3)
     every = np.concatenate([m.ravel() for m in merits])
     if splits >= len(every):
         return -1.0
-    return float(np.partition(every, len(every) - splits - 1)[len(every) - splits - 1])
+    return min(float(np.partition(every, len(every) - splits - 1)[len(every) - splits - 1]), _LARGEST)

@@ -11,13 +11,22 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from orca.anchors import FEATURE_DIM, GaussianAnchors, Stage
-from orca.config import PlanarConfig
+from orca.config import PlacementConfig, PlanarConfig
 from orca.conventions import Float64Array
 from orca.field.decoders import DENSITY_CHANNEL
 from orca.stages.canvas import Canvas
-from orca.stages.placement import quadtree
+from orca.stages.placement import Cells, quadtree
 
-__all__ = ["PLANE_DEPTH", "PlanarGrid", "place", "planar_anchors", "regular_grid", "rest_positions"]
+__all__ = [
+    "PLANE_DEPTH",
+    "PlanarGrid",
+    "cells_by_need",
+    "grid_of",
+    "place",
+    "planar_anchors",
+    "regular_grid",
+    "rest_positions",
+]
 
 PLANE_DEPTH = 1.0  # z-depth of the plane; any value does, since stage 2 moves every anchor along its own ray
 
@@ -45,10 +54,20 @@ def place(canvas: Canvas, config: PlanarConfig) -> PlanarGrid:
 def by_need(canvas: Canvas, config: PlanarConfig) -> PlanarGrid:
     """Anchors where image and depth need them, `anchors_per_pixel` times the original's pixels in all."""
     rows, columns = canvas.original
-    importance = np.full(canvas.depth.shape, config.placement.margin_importance, np.float32)
-    importance[rows, columns] = 1.0
-    budget = round(config.anchors_per_pixel * importance[rows, columns].size)
-    cells = quadtree(canvas.image, canvas.depth, importance, budget, config.placement)
+    budget = round(config.anchors_per_pixel * canvas.depth[rows, columns].size)
+    return grid_of(canvas, cells_by_need(canvas, budget, config.placement))
+
+
+def cells_by_need(canvas: Canvas, budget: int, config: PlacementConfig) -> Cells:
+    """A quadtree over the canvas of at most ``budget`` cells; see `quadtree`."""
+    margin = np.ones(canvas.depth.shape, bool)
+    margin[canvas.original] = False
+    importance = np.where(margin, np.float32(config.margin_importance), np.float32(1))
+    return quadtree(canvas.image, canvas.depth, importance, budget, config, margin)
+
+
+def grid_of(canvas: Canvas, cells: Cells) -> PlanarGrid:
+    """An anchor for each cell of the canvas."""
     left, top, right, bottom = canvas.margins
     height, width = canvas.depth.shape
     low, high = np.array([left, top]), np.array([width - right, height - bottom])

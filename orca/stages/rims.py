@@ -27,6 +27,7 @@ def shrink_rims(
     edge_ratio: float,
     least: float,
     clearance: float = 0.0,
+    slopes: Float64Array | None = None,
 ) -> GaussianAnchors:
     """Anchors whose footprints end before the nearest pixel that lies behind them.
 
@@ -39,15 +40,22 @@ def shrink_rims(
         least: extents are never scaled by less than this, so that the rim stays closed.
         clearance: how many pixels before that pixel's centre they end. The input view does not tell: what covers the
             gap between two pixel centres shows only from elsewhere, as a rim of foreground on the background.
+        slopes: d log z / d(pixel) of the surface that each lies on, [N, 2]: what goes deeper along it is not behind.
     """
-    scale = _scales(pixels, reach, depth, edge_ratio, clearance)
+    slopes = np.zeros_like(pixels) if slopes is None else slopes
+    scale = _scales(pixels, slopes, reach, depth, edge_ratio, clearance)
     smaller = torch.from_numpy(2 * np.log(np.maximum(scale, least))).float()
     return replace(anchors, log_variances=anchors.log_variances + smaller[:, None])
 
 
 @kernel(error_model="numpy")
 def _scales(
-    pixels: Float64Array, reach: Float64Array, depth: Float32Array, edge_ratio: float, clearance: float
+    pixels: Float64Array,
+    slopes: Float64Array,
+    reach: Float64Array,
+    depth: Float32Array,
+    edge_ratio: float,
+    clearance: float,
 ) -> Float64Array:
     """Distance to the nearest pixel centre that lies behind each anchor, less the clearance, over its reach, [N]."""
     height, width = depth.shape
@@ -58,7 +66,10 @@ def _scales(
         nearest = (r + clearance) ** 2
         for row in range(max(0, int(np.ceil(y - r - 0.5))), min(height, int(np.floor(y + r - 0.5)) + 1)):
             for column in range(max(0, int(np.ceil(x - r - 0.5))), min(width, int(np.floor(x + r - 0.5)) + 1)):
+                dx, dy = column + 0.5 - x, row + 0.5 - y
                 if depth[row, column] > edge_ratio * own:
-                    nearest = min(nearest, (row + 0.5 - y) ** 2 + (column + 0.5 - x) ** 2)
+                    along = max(0.0, slopes[i, 0] * dx + slopes[i, 1] * dy)
+                    if depth[row, column] > edge_ratio * own * np.exp(along):
+                        nearest = min(nearest, dx * dx + dy * dy)
         out[i] = max(0.0, np.sqrt(nearest) - clearance) / r
     return out
