@@ -171,7 +171,7 @@ def _add_workers(parser: argparse.ArgumentParser) -> None:
     group.add_argument("--memory-per-scene", type=float, metavar="GIB", help="memory one scene needs at its peak")
     group.add_argument("--gpus-per-scene", type=float, metavar="N", help="GPUs (1 with --device cuda, else 0)")
     option: dict[str, Any] = {"action": "append", "metavar": "KEY=VALUE"}
-    group.add_argument("--slurm", **option, help="passed to submitit: partition=gpu, time=240, ...; cluster=local: here")
+    group.add_argument("--slurm", **option, help="for submitit: slurm_partition=gpu, timeout_min=240, cluster=local")
 
 
 def _add_llava(parser: argparse.ArgumentParser) -> None:

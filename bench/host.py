@@ -10,7 +10,7 @@ from importlib import metadata
 from pathlib import Path
 from typing import Any
 
-__all__ = ["host_facts", "package_versions"]
+__all__ = ["host_facts", "package_versions", "usable_cores"]
 
 _PACKAGES = ("orca-nvs", "torch", "torchvision", "numpy", "scipy", "numba", "pyiqa", "kornia", "open_clip_torch", "av")
 _OPENCV = (
@@ -36,7 +36,7 @@ def host_facts(device: str = "cpu") -> dict[str, Any]:
     """
     return {
         "cpu": _cpu_model(),
-        "cores": _usable_cores(),
+        "cores": usable_cores(),
         "threads": _threads(),
         "memory_gib": _memory_gib(),
         "device": device,
@@ -62,7 +62,8 @@ def _cpu_model() -> str:
     return platform.processor() or platform.machine()
 
 
-def _usable_cores() -> int:
+def usable_cores() -> int:
+    """How many cores this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
@@ -71,7 +72,7 @@ def _threads() -> int:
     if torch is not None:
         return int(torch.get_num_threads())
     wanted = os.environ.get("OMP_NUM_THREADS", "")
-    return int(wanted) if wanted.isdigit() and int(wanted) > 0 else _usable_cores()
+    return int(wanted) if wanted.isdigit() and int(wanted) > 0 else usable_cores()
 
 
 def _memory_gib() -> float | None:

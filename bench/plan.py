@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -10,7 +10,7 @@ from bench.metrics.metric import MetricSpec
 from bench.record import FAILED, UNAVAILABLE, CellRecord
 from orca.errors import BadInput
 
-__all__ = ["IDENTITY", "Work", "check_same_run", "work_left"]
+__all__ = ["IDENTITY", "Work", "check_same_run", "in_order", "work_left"]
 
 # What fixes the frames of every cell of a run; another value of one of these is another run.
 IDENTITY = ("dataset", "images", "trajectory", "preset", "seed", "device", "codec")
@@ -78,6 +78,13 @@ def check_same_run(stored: Mapping[str, Any] | None, identity: Mapping[str, Any]
             f"the same {field} as before ({before.get(field)}) in the same --out",
             "give another --out, or delete the old run",
         )
+
+
+def in_order(names: Iterable[str], known: Iterable[str]) -> list[str]:
+    """Each name once: those that are known in their known order, then the others by name."""
+    together = set(names)
+    first = [name for name in known if name in together]
+    return first + sorted(together.difference(first))
 
 
 def _listed(fields: Sequence[str], values: Mapping[str, Any]) -> str:

@@ -14,7 +14,7 @@ from bench.digest import sealed, unsealed
 from bench.record import READABLE, SCHEMA_VERSION, CellRecord, jsonable
 from bench.trajectories.trajectory import Trajectory
 from orca.atomic import atomic_path, output_folder
-from orca.errors import BadInput
+from orca.errors import BadInput, CannotWrite
 
 __all__ = ["RunStore", "read_json", "write_atomic", "write_json"]
 
@@ -129,10 +129,16 @@ class RunStore:
     def alone(self) -> Iterator[None]:
         """Hold back other processes, here or on machines that share the folder, that would change ``run.json`` too.
 
-        Results need no such thing: each is one file, written whole.
+        Results need no such thing: each is one file, written whole. Raises `CannotWrite` for a folder nobody may write.
         """
         output_folder(self.root)
-        with (self.root / ".lock").open("w") as file:
+        try:
+            file = (self.root / ".lock").open("w")
+        except OSError as error:
+            raise CannotWrite(
+                f"cannot write into '{self.root}' ({error.strerror})", "a writable folder", "--out"
+            ) from error
+        with file:
             fcntl.flock(file, fcntl.LOCK_EX)
             yield
 

@@ -10,7 +10,11 @@ from typing import Any, Protocol
 from bench.datasets.case import SceneCase
 from orca.conventions import Float32Array, UInt8Array
 
-__all__ = ["Adapter", "MethodOutput", "RunOptions"]
+__all__ = ["Adapter", "MethodOutput", "RunOptions", "unheard"]
+
+
+def unheard(phase: str, done: int, total: int) -> None:
+    """Progress that nobody listens to."""
 
 
 @dataclass(frozen=True)
@@ -33,7 +37,7 @@ class RunOptions:
     data_root: Path | None = None
     weights_dir: Path | None = None
     work_dir: Path | None = None
-    progress: Callable[[str, int, int], None] = lambda phase, done, total: None
+    progress: Callable[[str, int, int], None] = unheard
 
 
 @dataclass(frozen=True, eq=False)
