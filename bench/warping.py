@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import cv2
+import numba
 import numpy as np
 from numpy.typing import NDArray
 
@@ -59,17 +60,11 @@ def project_depth(depth: Float32Array, source: Camera, target: Camera) -> Projec
         BadInput: the depth is not of the source camera's size.
     """
     _check_size("depth", depth.shape, source)
-    flat = np.asarray(depth, np.float64).ravel()
-    usable = np.isfinite(flat) & (flat > 0)
-    u, v, z = _homogeneous(np.where(usable, flat, 1.0), source, target)
-    usable &= z > 0
-    z[~usable] = np.nan
-    pixels = np.stack([u / z, v / z], axis=1)
-    x, y = pixels[:, 0], pixels[:, 1]
-    inside = usable & (x >= 0) & (x < target.width) & (y >= 0) & (y < target.height)
-    # Pixel i covers [i, i + 1): with centres at +0.5, the nearest pixel is the floor of the position.
-    index = np.full(flat.shape, -1, np.int64)
-    index[inside] = np.floor(y[inside]).astype(np.int64) * target.width + np.floor(x[inside]).astype(np.int64)
+    flat = np.ascontiguousarray(depth, np.float64).ravel()
+    H, offset = _relative(source, target)
+    pixels, z = np.empty((flat.size, 2)), np.empty(flat.size)
+    index = np.empty(flat.size, np.int64)
+    _project(flat, source.width, H, offset, (target.width, target.height), pixels, z, index)
     return Projection(pixels, z, index)
 
 
@@ -125,14 +120,31 @@ def sure_points(
     """
     projection = project_depth(depth, source, target)
     front = _local_minimum(_z_buffer(projection, target).depth, window).ravel()
-    inside = np.flatnonzero(projection.index >= 0)
-    x, y = projection.pixels[inside].T
-    visible = (x >= 1) & (y >= 1) & (x <= target.width - 1) & (y <= target.height - 1)
-    nearest = front[projection.index[inside]].astype(np.float64)
-    visible &= projection.z[inside] <= nearest * (1.0 + depth_tolerance)
-    sure = np.zeros(len(projection.z), np.bool_)
-    sure[inside] = visible
-    return sure & ~depth_edges(depth, edge_ratio).ravel(), projection
+    sure = ~depth_edges(depth, edge_ratio).ravel()
+    _drop_unsure(projection.pixels, projection.z, projection.index, front, target.width, depth_tolerance, sure)
+    return sure, projection
+
+
+@numba.njit(cache=True, nogil=True)  # type: ignore[untyped-decorator]
+def _drop_unsure(
+    pixels: Float64Array,
+    z: Float64Array,
+    index: NDArray[np.int64],
+    front: Float32Array,
+    width: int,
+    tolerance: float,
+    sure: NDArray[np.bool_],
+) -> None:
+    """Clear ``sure`` where a point is hidden by ``front``, or less than a pixel from the frame's border."""
+    height = len(front) // width
+    for i in range(len(sure)):
+        x, y = pixels[i, 0], pixels[i, 1]
+        if (
+            index[i] < 0
+            or not (1 <= x <= width - 1 and 1 <= y <= height - 1)
+            or z[i] > np.float64(front[index[i]]) * (1.0 + tolerance)
+        ):
+            sure[i] = False
 
 
 def depth_edges(depth: Float32Array, ratio: float) -> NDArray[np.bool_]:
@@ -147,20 +159,41 @@ def depth_edges(depth: Float32Array, ratio: float) -> NDArray[np.bool_]:
     return np.asarray(~(far < near * ratio))
 
 
-def _homogeneous(
-    depth: Float64Array, source: Camera, target: Camera
-) -> tuple[Float64Array, Float64Array, Float64Array]:
-    """Homogeneous target pixels (u, v, z) of all source pixels, each [n]: z_source H (x, y, 1) + b.
+def _relative(source: Camera, target: Camera) -> tuple[Float64Array, Float64Array]:
+    """H [3, 3] and b [3] that give the homogeneous target pixel of a source pixel: z_source H (x, y, 1) + b.
 
     The same as unprojecting and projecting, but faster: H = K_t R K_s^-1 and b = K_t t of the relative pose.
     """
     rotation = target.rotation @ source.rotation.T
     H = target.K @ rotation @ np.linalg.inv(source.K)
-    b = target.K @ (target.translation - rotation @ source.translation)
-    x = np.arange(source.width) + PIXEL_CENTRE
-    y = (np.arange(source.height) + PIXEL_CENTRE)[:, None]
-    u, v, z = (depth * (H[k, 0] * x + (H[k, 1] * y + H[k, 2])).ravel() + b[k] for k in range(3))
-    return u, v, z
+    return H, target.K @ (target.translation - rotation @ source.translation)
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")  # type: ignore[untyped-decorator]
+def _project(
+    depth: Float64Array,
+    width: int,
+    H: Float64Array,
+    b: Float64Array,
+    size: tuple[int, int],
+    pixels: Float64Array,
+    z: Float64Array,
+    index: NDArray[np.int64],
+) -> None:
+    """Fill the arrays of a `Projection`; ``size`` is the target's."""
+    for i in range(len(depth)):
+        x, y, d = i % width + PIXEL_CENTRE, i // width + PIXEL_CENTRE, depth[i]
+        w = d * (H[2, 0] * x + (H[2, 1] * y + H[2, 2])) + b[2]
+        if not (0 < d < np.inf and w > 0):
+            pixels[i, 0] = pixels[i, 1] = z[i] = np.nan
+            index[i] = -1
+            continue
+        u = (d * (H[0, 0] * x + (H[0, 1] * y + H[0, 2])) + b[0]) / w
+        v = (d * (H[1, 0] * x + (H[1, 1] * y + H[1, 2])) + b[1]) / w
+        pixels[i, 0], pixels[i, 1], z[i] = u, v, w
+        inside = 0 <= u < size[0] and 0 <= v < size[1]
+        # Pixel i covers [i, i + 1): with centres at +0.5, the nearest pixel is the floor of the position.
+        index[i] = int(v) * size[0] + int(u) if inside else -1
 
 
 @dataclass(frozen=True, eq=False)
@@ -171,16 +204,19 @@ class _Winner:
 
 def _z_buffer(projection: Projection, target: Camera) -> _Winner:
     """Nearest point per target pixel, ties to the first source pixel."""
-    # Reversed, so that among equally near points the first one is written last.
-    points = np.flatnonzero(projection.index >= 0)[::-1]
-    cell, z = projection.index[points], projection.z[points]
     nearest = np.full(target.height * target.width, np.inf)
-    np.minimum.at(nearest, cell, z)
-    won = z == nearest[cell]
     source = np.full(nearest.shape, -1, np.int64)
-    source[cell[won]] = points[won]
+    _keep_nearest(projection.z, projection.index, nearest, source)
     shape = (target.height, target.width)
     return _Winner(nearest.astype(np.float32).reshape(shape), source.reshape(shape))
+
+
+@numba.njit(cache=True, nogil=True)  # type: ignore[untyped-decorator]
+def _keep_nearest(z: Float64Array, index: NDArray[np.int64], nearest: Float64Array, source: NDArray[np.int64]) -> None:
+    for i in range(len(index)):
+        cell = index[i]
+        if cell >= 0 and z[i] < nearest[cell]:
+            nearest[cell], source[cell] = z[i], i
 
 
 def _local_minimum(depth: Float32Array, window: int) -> Float32Array:

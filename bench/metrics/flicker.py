@@ -10,13 +10,14 @@ Lower is better, but a grey video has none: it is to be read beside `visible_psn
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import cv2
+import numba
 import numpy as np
 from numpy.typing import NDArray
 
@@ -27,8 +28,9 @@ from bench.metrics.metric import MetricInput, MetricSpec, Score
 from bench.metrics.sure import SURE_RULE, sure_masks
 from bench.warping import depth_edges, project_depth
 from orca.camera import Camera
-from orca.conventions import Float32Array, UInt8Array
+from orca.conventions import Float32Array, Float64Array, UInt8Array
 from orca.errors import BadInput
+from orca.threads import map_on_cores
 
 __all__ = ["NO_DEPTH", "Flicker"]
 
@@ -41,6 +43,9 @@ SMOOTHING_PX = 1.0
 DEPTH_TOLERANCE = 0.02
 EDGE_RATIO = 1.05
 COVERED = 0.5
+_STRETCHES = 8  # of a path, that the cores take one at a time
+
+V = TypeVar("V")
 
 
 class Flicker:
@@ -114,30 +119,52 @@ def _check(case: SceneCase, output: MethodOutput) -> None:
 
 def _by_reference_depth(case: SceneCase, frames: UInt8Array) -> Score:
     cameras = case.eval_trajectory.cameras()
-    places = (
-        (
-            mask,
-            project_depth(case.depth, case.camera, camera).pixels,
-            _smooth(resize_to(f, camera.width, camera.height)),
-        )
-        for camera, f, mask in zip(cameras, frames, sure_masks(case), strict=True)
-    )
-    pairs = []
-    for (sure1, xy1, frame1), (sure2, xy2, frame2) in pairwise(places):
-        both = sure1 & sure2
-        pairs.append(_compared(read_at(frame1, xy1[both]), read_at(frame2, xy2[both]), both))
+    masks = list(sure_masks(case))
+
+    def place(i: int) -> _Place:
+        frame = resize_to(frames[i], cameras[i].width, cameras[i].height)
+        return _Place(masks[i], project_depth(case.depth, case.camera, cameras[i]).pixels, _smooth(frame))
+
+    pairs = _over_pairs(place, _reference_pair, len(frames))
     return _score(pairs, {"geometry": "reference depth", "depth_source": case.depth_source})
 
 
 def _by_own_depth(case: SceneCase, output: MethodOutput, depths: Float32Array) -> Score:
     height, width = output.frames.shape[1:3]
     cameras = [camera.resized(width, height) for camera in case.eval_trajectory.cameras()]
-    views = (
-        _View(camera, _smooth(frame), _covered(output, i, depths[i]))
-        for i, (camera, frame) in enumerate(zip(cameras, output.frames, strict=True))
-    )
-    pairs = [_own_pair(first, second) for first, second in pairwise(views)]
+
+    def view(i: int) -> _View:
+        return _View(cameras[i], _smooth(output.frames[i]), _covered(output, i, depths[i]))
+
+    pairs = _over_pairs(view, _own_pair, len(output.frames))
     return _score(pairs, {"geometry": "depth rendered by the method"})
+
+
+def _over_pairs(view: Callable[[int], V], compare: Callable[[V, V], _Pair], count: int) -> list[_Pair]:
+    """``compare`` every two consecutive of ``count`` views, stretches of the path on a core each."""
+    step = -(-(count - 1) // _STRETCHES)
+
+    def stretch(first: int) -> list[_Pair]:
+        views = (view(i) for i in range(first, min(first + step, count - 1) + 1))
+        return [compare(one, other) for one, other in pairwise(views)]
+
+    return [pair for pairs in map_on_cores(stretch, range(0, count - 1, step)) for pair in pairs]
+
+
+@dataclass(frozen=True, eq=False)
+class _Place:
+    """Where the input's pixels are in a frame: the sure ones [n], positions [n, 2], and the frame."""
+
+    sure: NDArray[np.bool_]
+    pixels: Float64Array
+    frame: Float32Array
+
+
+def _reference_pair(first: _Place, second: _Place) -> _Pair:
+    both = first.sure & second.sure
+    at = np.flatnonzero(both)
+    here, there = (read_at(place.frame, place.pixels.take(at, axis=0)) for place in (first, second))
+    return _compared(here, there, both)
 
 
 @dataclass(frozen=True, eq=False)
@@ -150,19 +177,36 @@ class _View:
 def _own_pair(first: _View, second: _View) -> _Pair:
     """Warp frame 1 into frame 2 by the depth of frame 1; frame 2 is read at the exact positions."""
     projection = project_depth(first.depth, first.camera, second.camera)
-    usable = ~depth_edges(first.depth, EDGE_RATIO).ravel() & (projection.index >= 0)
-    there = np.where(depth_edges(second.depth, EDGE_RATIO), np.nan, second.depth).ravel()
-    points = np.flatnonzero(usable)
-    z, surface = projection.z[points], there[projection.index[points]]
-    known = np.isfinite(surface)
-    occluded = known & (z > surface * (1 + DEPTH_TOLERANCE))
-    contradicted = known & (z < surface * (1 - DEPTH_TOLERANCE))
-    seen = np.zeros(usable.shape, np.bool_)
-    seen[points[known & ~occluded & ~contradicted]] = True
-    here = first.frame.reshape(-1, 3)[seen]
-    pair = _compared(here, read_at(second.frame, projection.pixels[seen]), seen)
-    total = max(1, len(points))
-    return _Pair(pair.compared, pair.residual, float(occluded.sum() / total), float(contradicted.sum() / total))
+    seen = ~depth_edges(first.depth, EDGE_RATIO).ravel()
+    there = np.where(depth_edges(second.depth, EDGE_RATIO), np.float32(np.nan), second.depth).ravel()
+    total, occluded, contradicted = _keep_seen(projection.z, projection.index, there, DEPTH_TOLERANCE, seen)
+    at = np.flatnonzero(seen)
+    here = first.frame.reshape(-1, 3).take(at, axis=0)
+    pair = _compared(here, read_at(second.frame, projection.pixels.take(at, axis=0)), seen)
+    return _Pair(pair.compared, pair.residual, occluded / max(1, total), contradicted / max(1, total))
+
+
+@numba.njit(cache=True, nogil=True)  # type: ignore[untyped-decorator]
+def _keep_seen(
+    z: Float64Array, index: NDArray[np.int64], there: Float32Array, tolerance: float, seen: NDArray[np.bool_]
+) -> tuple[int, int, int]:
+    """Clear ``seen`` but where a point lies on the surface ``there``; counts of points asked, behind and before it."""
+    total, behind, before = 0, 0, 0
+    for i in range(len(seen)):
+        if not seen[i] or index[i] < 0:
+            seen[i] = False
+            continue
+        total += 1
+        surface = np.float64(there[index[i]])
+        if z[i] > surface * (1 + tolerance):
+            behind += 1
+            seen[i] = False
+        elif z[i] < surface * (1 - tolerance):
+            before += 1
+            seen[i] = False
+        elif not np.isfinite(surface):
+            seen[i] = False
+    return total, behind, before
 
 
 def _compared(first: Float32Array, second: Float32Array, mask: NDArray[np.bool_]) -> _Pair:

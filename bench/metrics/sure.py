@@ -12,6 +12,8 @@ from numpy.typing import NDArray
 
 from bench.datasets.case import SceneCase
 from bench.warping import sure_points
+from orca.camera import Camera
+from orca.threads import map_on_cores
 
 __all__ = ["SURE_RULE", "SureMasks", "forget_sure_masks", "sure_masks"]
 
@@ -67,6 +69,10 @@ class _CaseKey:
 @lru_cache(maxsize=CASES_KEPT)
 def _computed(key: _CaseKey) -> SureMasks:
     case = key.case
-    sure = [sure_points(case.depth, case.camera, camera)[0] for camera in case.eval_trajectory.cameras()]
-    packed, shares = tuple(np.packbits(mask) for mask in sure), tuple(float(mask.mean()) for mask in sure)
-    return SureMasks(packed, shares, case.depth.size)
+
+    def work(camera: Camera) -> tuple[NDArray[np.uint8], float]:
+        sure, _ = sure_points(case.depth, case.camera, camera)
+        return np.packbits(sure), float(sure.mean())
+
+    found = map_on_cores(work, case.eval_trajectory.cameras())
+    return SureMasks(tuple(packed for packed, _ in found), tuple(share for _, share in found), case.depth.size)

@@ -17,6 +17,7 @@ from bench.warping import project_depth
 from orca.camera import Camera
 from orca.conventions import UInt8Array
 from orca.errors import BadInput
+from orca.threads import map_on_cores
 
 __all__ = ["VisiblePsnr"]
 
@@ -54,10 +55,7 @@ class VisiblePsnr:
             )
         masks = sure_masks(case)
         cameras = case.eval_trajectory.cameras()
-        mses = [
-            _frame_mse(case, camera, frame, sure)
-            for camera, frame, sure in zip(cameras, output.frames, masks, strict=True)
-        ]
+        mses = map_on_cores(lambda view: _frame_mse(case, *view), zip(cameras, output.frames, masks, strict=True))
         return {"visible_psnr": _score(mses, masks.shares)}
 
 
@@ -66,8 +64,9 @@ def _frame_mse(case: SceneCase, camera: Camera, frame: UInt8Array, sure: NDArray
     if sure.mean() < MIN_SHARE:
         return None
     frame = resize_to(frame, camera.width, camera.height)
-    positions = project_depth(case.depth, case.camera, camera).pixels[sure]
-    difference = read_at(frame, positions) - case.image.reshape(-1, 3)[sure]
+    at = np.flatnonzero(sure)
+    positions = project_depth(case.depth, case.camera, camera).pixels.take(at, axis=0)
+    difference = read_at(frame, positions) - case.image.reshape(-1, 3).take(at, axis=0)
     return float(np.mean(difference.astype(np.float64) ** 2))
 
 
