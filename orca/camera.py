@@ -13,6 +13,8 @@ from orca.errors import BadInput
 
 __all__ = ["Camera"]
 
+_RIGID = 1e-3  # largest deviation of R R^T from the identity
+
 
 @dataclass(frozen=True, eq=False)
 class Camera:
@@ -20,7 +22,7 @@ class Camera:
 
     Attributes:
         K: intrinsics in pixels, [3, 3] float64, pixel centres at +0.5.
-        world_to_camera: rigid pose, [4, 4] float64.
+        world_to_camera: rigid pose, [4, 4] float64; a rotation may be off by 1e-3, as in files of few digits.
         width: image width in pixels.
         height: image height in pixels.
     """
@@ -45,6 +47,7 @@ class Camera:
                 "a positive size and positive focal lengths",
                 "check the camera file",
             )
+        _check_rigid(pose)
         K.setflags(write=False)
         pose.setflags(write=False)
         object.__setattr__(self, "K", K)
@@ -117,3 +120,16 @@ class Camera:
         K[0, 2] += left
         K[1, 2] += top
         return replace(self, K=K, width=self.width + left + right, height=self.height + top + bottom)
+
+
+def _check_rigid(pose: Float64Array) -> None:
+    """A pose that stretches or mirrors the world has no camera centre that the formulas here would find."""
+    rotation = pose[:3, :3]
+    worst = float(np.abs(rotation @ rotation.T - np.eye(3)).max())
+    if worst > _RIGID or np.linalg.det(rotation) < 0 or np.abs(pose[3] - [0, 0, 0, 1]).max() > _RIGID:
+        raise BadInput(
+            f"a pose whose rotation R has |R R^T - 1| up to {worst:.3g} and determinant {np.linalg.det(rotation):.3g}, "
+            f"last row {pose[3].tolist()}",
+            "a rigid world_to_camera: rotation and translation, no scale, no mirroring, last row 0 0 0 1",
+            "orthonormalise the rotation; a mirrored pose is in other axes than OpenCV's (x right, y down, z ahead)",
+        )

@@ -68,12 +68,12 @@ def reconstruct(arguments: argparse.Namespace) -> Answer:
         scene.save(folder / "scene.safetensors")
         started = time.perf_counter()
         video, picture = folder / "preview.mp4", folder / "preview.png"
-        write_preview(scene, cameras, video, picture, arguments.fps, arguments.device, bars)
+        holes = write_preview(scene, cameras, video, picture, arguments.fps, arguments.device, bars)
     seconds = {**seconds, **result.record["seconds"], "preview": time.perf_counter() - started}
     _write_json(folder / "ledger.json", result.ledger)
     _write_json(folder / "config.json", {**config.to_json(), "run": facts})
     _write_json(folder / "timings.json", {"schema_version": 1, "seconds": seconds, "record": result.record})
-    return _reconstruct_answer(scene, result.record, seconds, folder, depth)
+    return _reconstruct_answer(scene, result.record, seconds, folder, depth, holes)
 
 
 def render(arguments: argparse.Namespace) -> Answer:
@@ -183,7 +183,7 @@ def _facts(arguments: argparse.Namespace, depth: DepthEstimate, view: FieldOfVie
 
 
 def _reconstruct_answer(
-    scene: Scene, record: dict[str, Any], seconds: dict[str, float], folder: Path, depth: DepthEstimate
+    scene: Scene, record: dict[str, Any], seconds: dict[str, float], folder: Path, depth: DepthEstimate, holes: float
 ) -> Answer:
     files = ["scene.safetensors", "preview.mp4", "preview.png", "ledger.json", "config.json", "timings.json"]
     psnr = record["input_psnr"]
@@ -191,6 +191,7 @@ def _reconstruct_answer(
         "anchors": scene.num_anchors,
         "anchors_by_stage": record["anchors"],
         "input_psnr": psnr,
+        "holes": holes,
         "seconds": seconds,
         "provenance": scene.provenance,
         "files": {name: str(folder / name) for name in files},
@@ -203,6 +204,8 @@ def _reconstruct_answer(
         f"depth       {depth.source}" + ("" if depth.is_metric else ", not metric"),
         *(f"note        {note}" for note in depth.notes),
         "priors      " + ", ".join(f"{record['priors'][key]} ({key})" for key in ("outpainter", "inpainter", "depth")),
+        *([f"holes       {holes:.1%} of the preview: its cameras look past the scene"] if holes > 0.01 else []),
+        *([f"note        {record['priors']['outpainter_failed']}"] if "outpainter_failed" in record["priors"] else []),
         f"field of view {scene.camera.hfov_deg:.1f} degrees ({scene.provenance['hfov_source']})",
         *(f"wrote       {folder / name}" for name in files),
     ]

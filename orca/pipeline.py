@@ -108,7 +108,8 @@ def reconstruct(
     if priors is None:
         priors = Priors.of(config, ModelAccess(local_files_only=True, device=device), seed)
     canvas = make_canvas(image, depth.depth, camera, trajectory, config.canvas, priors.outpainter, priors.depth)
-    run.record["priors"] = {**priors.to_json(), "margin_depth": canvas.margin_depth}
+    failed = {"outpainter_failed": canvas.note} if canvas.note else {}
+    run.record["priors"] = {**priors.to_json(), "margin_depth": canvas.margin_depth, **failed}
     grid = place(canvas, config.planar)
     observed = observations(canvas, _MARGIN_RESOLUTION)
     run.timed("canvas", started)

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 
 __all__ = ["contact_sheet", "render_frames", "write_preview"]
 
+_COVERED = 0.5  # accumulated alpha of a pixel that shows something
 _SHEET_WIDTH = 1536
 _SHEET_VIEWS = 6
 
@@ -31,9 +32,18 @@ def render_frames(
     scene: Scene, cameras: Sequence[Camera], device: str = "cpu", progress: Progress = _silent
 ) -> Iterator[UInt8Array]:
     """Render a path frame by frame, each [H, W, 3] uint8; ``progress("render", done, total)`` after each."""
+    for frame, _ in _rendered(scene, cameras, device, progress):
+        yield frame
+
+
+def _rendered(
+    scene: Scene, cameras: Sequence[Camera], device: str, progress: Progress
+) -> Iterator[tuple[UInt8Array, float]]:
+    """Frames, and the share of each that nothing of the scene covers."""
     renderer = scene.renderer(device)
     for index, camera in enumerate(cameras):
-        yield to_uint8(renderer.render(camera).rgb)
+        view = renderer.render(camera)
+        yield to_uint8(view.rgb), float(np.mean(~(view.alpha >= _COVERED)))
         progress("render", index + 1, len(cameras))
 
 
@@ -62,17 +72,22 @@ def write_preview(
     fps: float = 20.0,
     device: str = "cpu",
     progress: Progress = _silent,
-) -> None:
+) -> float:
     """Render ``cameras`` once, into an H.264 video and, if asked for, one picture of six evenly spaced views.
+
+    Returns:
+        The share of all pixels that are holes: nothing of the scene covers half of them.
 
     Raises:
         BadInput: no cameras, cameras of different sizes, or paths that cannot be written.
     """
     wanted = set(np.linspace(0, len(cameras) - 1, min(_SHEET_VIEWS, len(cameras))).round().astype(int).tolist())
     kept: list[UInt8Array] = []
+    holes: list[float] = []
 
     def watched() -> Iterator[UInt8Array]:
-        for index, frame in enumerate(render_frames(scene, cameras, device, progress)):
+        for index, (frame, open_share) in enumerate(_rendered(scene, cameras, device, progress)):
+            holes.append(open_share)
             if index in wanted:
                 kept.append(frame)
             yield frame
@@ -80,3 +95,4 @@ def write_preview(
     write_video(video, watched(), fps)
     if picture is not None:
         save_image(picture, contact_sheet(kept))
+    return float(np.mean(holes))

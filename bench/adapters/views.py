@@ -15,6 +15,8 @@ from orca.conventions import Float32Array, to_uint8
 
 __all__ = ["RenderedView", "render_case"]
 
+_COVERED = 0.5  # as the metric of holes has it
+
 
 class RenderedView(Protocol):
     """Colour [H, W, 3], accumulated alpha [H, W] and z-depth [H, W] of one view."""
@@ -69,5 +71,11 @@ def render_case(
         frame_depth=np.stack(depths[:n]),
         timing={**(seconds or {}), "render": spent, "render_ms_per_frame": 1e3 * spent / len(cameras)},
         model=model,
-        notes=tuple(notes),
+        notes=(*notes, *_about_holes(alphas)),
     )
+
+
+def _about_holes(alphas: Sequence[Float32Array]) -> tuple[str, ...]:
+    """A note about what the scene does not cover, where that is more than 1 % of the pixels of all views."""
+    share = float(np.mean([np.mean(~(alpha >= _COVERED)) for alpha in alphas]))
+    return (f"{share:.1%} of the pixels of all views are holes: nothing of the scene is there",) if share > 0.01 else ()

@@ -106,6 +106,8 @@ def features_for_colours(
     features = torch.zeros(len(rgb), FEATURE_DIM)
     features[:, :COLOUR_CHANNELS] = torch.from_numpy(np.log(clipped / (1 - clipped)).astype(np.float32))
     features[:, DENSITY_CHANNEL] = 1.0
+    if len(rgb) == 0:  # all of a repair may lie where the input would see it
+        return features
     with torch.inference_mode():
         density, decoded = decoders(features)
         exact = float((decoded - torch.from_numpy(clipped)).abs().max()) <= config.tolerance and bool(

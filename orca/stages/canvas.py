@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
@@ -11,11 +12,14 @@ import numpy as np
 from orca.camera import Camera
 from orca.config import CanvasConfig
 from orca.conventions import Float32Array, Float64Array
+from orca.errors import BadInput, OrcaError, Unavailable
 from orca.priors.depth import DepthProvider
-from orca.priors.outpaint import Outpainter, extend_depth
+from orca.priors.outpaint import MirrorOutpainter, Outpainter, extend_depth
 from orca.stages.margin_depth import estimated_margin
 
 __all__ = ["Canvas", "make_canvas", "needed_margins"]
+
+_log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,6 +33,7 @@ class Canvas:
         camera: the canvas camera: same centre and orientation, intrinsics shifted by the margins (paper Sec. 3.1).
         margins: left, top, right, bottom in pixels.
         margin_depth: where the depth outside the original comes from, in words.
+        note: what a reader of the result must know: that the outpainter failed, and how; else empty.
     """
 
     image: Float32Array
@@ -36,6 +41,7 @@ class Canvas:
     camera: Camera
     margins: tuple[int, int, int, int]
     margin_depth: str = "there is no margin"
+    note: str = ""
 
     @property
     def scale(self) -> tuple[float, float]:
@@ -93,17 +99,42 @@ def make_canvas(
     """Outpaint as far as the trajectory looks; without an outpainter the canvas is the image itself.
 
     An outpainter that invents content needs depth that belongs to it: with an ``estimator`` it is estimated on the
-    outpainted image. What mirrors or repeats the image takes depth the same way.
+    outpainted image. What mirrors or repeats the image takes depth the same way. Where an outpainter fails, or what it
+    returns is no image of the size asked for, the image is mirrored instead and the canvas carries a note.
     """
     if outpainter is None:
         return Canvas(image, depth, camera, (0, 0, 0, 0))
     margins = needed_margins(camera, trajectory, depth, config.max_scale)
+    painted, failure = _outpainted(outpainter, image, margins)
+    if failure:
+        outpainter = MirrorOutpainter()
     invents = outpainter.name not in ("mirror", "edge")
     mode: Literal["mirror", "edge"] = "mirror" if outpainter.name == "mirror" else "edge"
     extended, words = extend_depth(depth, *margins, mode=mode), f"the original's, extended ({mode})"
-    painted, wide = outpainter.outpaint(image, *margins), camera.padded(*margins)
+    wide = camera.padded(*margins)
     original = (slice(margins[1], margins[1] + image.shape[0]), slice(margins[0], margins[0] + image.shape[1]))
     if invents and estimator is not None and any(margins):
         extended, words = estimated_margin(painted, extended, original, wide, estimator)
     painted[original] = image
-    return Canvas(painted, extended, wide, margins, words)
+    return Canvas(painted, extended, wide, margins, words, failure)
+
+
+def _outpainted(
+    outpainter: Outpainter, image: Float32Array, margins: tuple[int, int, int, int]
+) -> tuple[Float32Array, str]:
+    """The extended image, [H', W', 3] in [0, 1], and why it is a mirrored one; empty where it is the outpainter's."""
+    left, top, right, bottom = margins
+    wanted = (image.shape[0] + top + bottom, image.shape[1] + left + right, 3)
+    try:
+        painted = np.array(outpainter.outpaint(image, *margins), np.float32)
+        if painted.shape == wanted and bool(np.isfinite(painted).all()):
+            return np.clip(painted, 0.0, 1.0), ""
+        reason = f"it returned shape {painted.shape} for {wanted}, or colours that are not finite"
+    except (BadInput, Unavailable):  # the caller's fault, or a package that is not there
+        raise
+    except Exception as error:  # noqa: BLE001 - somebody else's model: whatever it raises, the image can be mirrored
+        said = error.given if isinstance(error, OrcaError) else f"{type(error).__name__}: {error}"
+        reason = " ".join(said.split())[:300]
+    note = f"outpainter '{outpainter.name}' failed, the image is mirrored beyond the frame instead: {reason}"
+    _log.warning("%s", note)
+    return MirrorOutpainter().outpaint(image, *margins), note
