@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -15,10 +16,14 @@ from bench.datasets.case import SceneCase
 from bench.warping import forward_splat
 from orca.camera import Camera
 from orca.conventions import Float32Array, UInt8Array
+from orca.threads import map_on_cores
 
 __all__ = ["WARP", "WARP_NEAREST", "WARP_TELEA", "Warp"]
 
 TELEA_RADIUS = 3
+_AT_ONCE = 8  # views between two reports of progress
+
+_View = tuple[UInt8Array, Float32Array, Float32Array]  # rgb, coverage, depth
 
 
 @dataclass(frozen=True)
@@ -42,14 +47,14 @@ class Warp:
 
     def run(self, case: SceneCase, options: RunOptions) -> MethodOutput:
         """Warp the input onto the evaluated cameras and the true views' cameras. Raises `BadInput` for a bad case."""
-        clock = {"render": 0.0}
-        views, total = [], len(case.eval_indices) + len(case.true_views)
         cameras = [*case.eval_trajectory.cameras(), *(view.camera for view in case.true_views)]
-        for done, camera in enumerate(cameras, start=1):
-            views.append(self._view(case, camera, clock))
-            options.progress("render", done, total)
+        clock = {"render": 0.0}
+        views: list[_View] = []
+        for first in range(0, len(cameras), _AT_ONCE):
+            views += self._views(case, cameras[first : first + _AT_ONCE], clock)
+            options.progress("render", len(views), len(cameras))
         novel, true = views[: len(case.eval_indices)], views[len(case.eval_indices) :]
-        clock["render_ms_per_frame"] = 1e3 * sum(clock.values()) / total
+        clock["render_ms_per_frame"] = 1e3 * sum(clock.values()) / len(cameras)
         return MethodOutput(
             frames=np.stack([rgb for rgb, _, _ in novel]),
             coverage=np.stack([alpha for _, alpha, _ in novel]),
@@ -66,19 +71,20 @@ class Warp:
             notes=self._notes(case),
         )
 
-    def _view(
-        self, case: SceneCase, camera: Camera, clock: dict[str, float]
-    ) -> tuple[UInt8Array, Float32Array, Float32Array]:
-        """Colours, coverage and depth at one camera; adds the seconds to the clock."""
+    def _views(self, case: SceneCase, cameras: Sequence[Camera], clock: dict[str, float]) -> list[_View]:
+        """Colours, coverage and depth at some cameras; adds the seconds to the clock."""
         started = time.perf_counter()
-        splat = forward_splat(case.image, case.depth, case.camera, camera)
+        splats = map_on_cores(lambda camera: forward_splat(case.image, case.depth, case.camera, camera), cameras)
         splatted = time.perf_counter()
         clock["render"] += splatted - started
         if self.fill == "none":
-            return splat.rgb, splat.hit.astype(np.float32), splat.depth
-        filled = (_inpaint if self.fill == "telea" else _nearest)(splat.rgb, splat.hit)
+            return [(splat.rgb, splat.hit.astype(np.float32), splat.depth) for splat in splats]
+        fill = _inpaint if self.fill == "telea" else _nearest
+        filled = map_on_cores(lambda splat: fill(splat.rgb, splat.hit), splats)
         clock["inpaint"] = clock.get("inpaint", 0.0) + time.perf_counter() - splatted
-        return filled, np.ones(splat.hit.shape, np.float32), splat.depth
+        return [
+            (rgb, np.ones(rgb.shape[:2], np.float32), splat.depth) for rgb, splat in zip(filled, splats, strict=True)
+        ]
 
     def _notes(self, case: SceneCase) -> tuple[str, ...]:
         depth = f"warped with the reference depth ({case.depth_source})"
