@@ -14,6 +14,7 @@ from orca.conventions import Float32Array, Float64Array
 from orca.errors import BadInput, Unknown
 from orca.repair.background import background_pixels
 from orca.repair.components import BoolArray, Component, IntArray
+from orca.repair.holdout import foretold_share
 from orca.repair.membrane import linear_trend, membrane, mirrored_detail
 from orca.repair.rules import RepairRules
 from orca.repair.structure import ExemplarRules, continue_structure
@@ -41,6 +42,7 @@ class FillTarget:
         scheme: "paper:percentile" (the paper's donors), "smooth:background" or "structure:background"
             (foreground found and left out), "...:all" (no foreground around the hole), "...:nearest" (too few donors).
         depth_threshold: donors are at this depth or beyond.
+        foretold: "structure" only: share of the texture that was continued, the rest is membrane (`foretold_share`).
     """
 
     y: IntArray
@@ -50,6 +52,7 @@ class FillTarget:
     donors: int
     scheme: str
     depth_threshold: float
+    foretold: float | None = None
 
     @property
     def is_nearest(self) -> bool:
@@ -91,9 +94,10 @@ def local_fill(
     ``donor_percentile``-th percentile of its depth; a hole pixel takes the inverse-distance mean of its 4 nearest.
     ``"smooth"`` (ours): donors are all background pixels from ``smooth_ring_inner`` on (`background_pixels`); colour
     and inverse depth are continued by a membrane, and ``detail_gain`` of the donors' texture is mirrored into the
-    hole. Depth is clamped behind the foreground. ``"structure"`` (ours): the same, but colour comes from patches of
-    the background within ``context`` pixels (`continue_structure`) wherever there are enough to choose from. With
-    fewer than ``min_donors`` donors, all take the nearest valid pixel.
+    hole. Depth is clamped behind the foreground. ``"structure"`` (ours): the same, but depth comes from patches of
+    the background within ``context`` pixels (`continue_structure`) wherever there are enough to choose from, and
+    colour to the extent that such patches foretell what is known beside the hole (`foretold_share`). With fewer than
+    ``min_donors`` donors, all take the nearest valid pixel.
 
     Args:
         rgb: rendered colours, [H, W, 3].
@@ -209,29 +213,38 @@ def _background_fill(crop: _Crop, component: Component, rules: RepairRules, sche
     if count < rules.min_donors:
         return None
     foreground = wide & near & ~donors
-    rgb, inverse = _smooth_colours(crop, donors, rules), _membrane_inverse_depth(crop, donors)
-    how = "background" if foreground.any() else "all"
-    if scheme == "structure":
-        made = _structure_fill(crop, source, rules)
-        if made is None:
-            scheme = "smooth"
-        else:
-            rgb = np.where(made[2][..., None], made[0], rgb)
-            inverse = np.where(made[2], made[1], inverse)
+    inverse, foretold = _membrane_inverse_depth(crop, donors), None
+    made = _structure_fill(crop, source, rules) if scheme == "structure" else None
+    if made is None:
+        rgb, scheme = _smooth_colours(crop, donors, rules), "smooth"
+    else:
+        foretold = made.foretold
+        base = membrane(crop.rgb, donors)
+        rgb = np.where(made.known[..., None], base + np.float32(foretold) * (made.rgb - base), base)
+        inverse = np.where(made.known, made.inverse_depth, inverse)
     return _target(
         component,
         rgb[crop.hole],
         1.0 / _behind_foreground(inverse, crop, donors, foreground)[crop.hole],
         donors=count,
-        scheme=f"{scheme}:{how}",
+        scheme=f"{scheme}:{'background' if foreground.any() else 'all'}",
         depth_threshold=float(crop.depth[donors].min()),
+        foretold=foretold,
     )
 
 
-def _structure_fill(
-    crop: _Crop, source: BoolArray, rules: RepairRules
-) -> tuple[Float32Array, Float32Array, BoolArray] | None:
-    """Colour and inverse depth from patches (`continue_structure`).
+@dataclass(frozen=True, eq=False)
+class _Structure:
+    """What patches of the background make of a hole: colour, inverse depth, where, and how far they can be trusted."""
+
+    rgb: Float32Array
+    inverse_depth: Float32Array
+    known: BoolArray
+    foretold: float
+
+
+def _structure_fill(crop: _Crop, source: BoolArray, rules: RepairRules) -> _Structure | None:
+    """Colour and inverse depth from patches (`continue_structure`), and their `foretold_share`.
 
     The pixels that touch the hole are blended with the foreground that hid it: they are neither copied nor believed,
     but filled along with the hole.
@@ -240,7 +253,11 @@ def _structure_fill(
     trusted = source & ~blended
     inverse = np.where(trusted, 1.0 / np.where(trusted, crop.depth, 1.0), 0.0).astype(np.float32)
     patch = ExemplarRules(rules.patch_radius, rules.patch_matches)
-    return continue_structure(crop.rgb, inverse, trusted, crop.hole | blended, patch)
+    made = continue_structure(crop.rgb, inverse, trusted, crop.hole | blended, patch)
+    if made is None:
+        return None
+    share = foretold_share(crop.rgb, inverse, trusted, crop.hole, patch, rules.ring_inner, rules.ring_outer)
+    return _Structure(*made, share)
 
 
 def _smooth_colours(crop: _Crop, donors: BoolArray, rules: RepairRules) -> Float32Array:

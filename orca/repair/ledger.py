@@ -41,6 +41,7 @@ class RepairRecord:
         view_area: missing pixels of that view, in components that are large enough.
         trajectory_area: ... of all watched views together.
         mask: the component inside its bounding box, row by row, as run lengths that begin with pixels outside it.
+        foretold: share of the texture that was continued where the fill continues structure; None otherwise.
         checking_milliseconds: the part of the wall time in which the watched views were looked at again.
     """
 
@@ -63,6 +64,7 @@ class RepairRecord:
     trajectory_area: int = 0
     mask: tuple[int, ...] = ()
     checking_milliseconds: float = 0.0
+    foretold: float | None = None
 
     def component(self) -> BoolArray:
         """The repaired region inside its bounding box, bool; raises `BadInput` where the runs do not fill the box."""

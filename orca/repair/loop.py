@@ -214,6 +214,7 @@ class _Loop:
             mask=run_lengths(component.mask),
             checking_milliseconds=1e3 * (checked - checking),
             alignment=None if alignment is None else alignment.to_json(),
+            foretold=fill.foretold,
         )
 
     def _insert(self, new: GaussianAnchors, view: int, bbox: Box, component: NDArray[np.bool_]) -> None:
