@@ -13,9 +13,11 @@ __all__ = [
     "add_depth",
     "add_download",
     "add_list",
+    "add_merge",
     "add_report",
     "add_run",
     "add_speed",
+    "add_stability",
     "add_sweep",
     "add_table",
     "add_tsed",
@@ -91,6 +93,12 @@ def add_compare(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--format", choices=("text", "markdown"), default="text", help="how (text)")
 
 
+def add_merge(parser: argparse.ArgumentParser) -> None:
+    parser.description = "Put the results of several runs into OUT; two that contradict each other are an error."
+    parser.add_argument("out", type=Path, metavar="OUT", help="folder, new or of a run")
+    parser.add_argument("runs", nargs="+", type=Path, metavar="RUN", help="folder of a run, such as one --shard")
+
+
 def add_verify(parser: argparse.ArgumentParser) -> None:
     parser.description = "Recheck seals, frames, cameras and inputs of a run; exit code 1 and a line for each fault."
     parser.add_argument("run", type=Path, metavar="RUN", help="folder of a run")
@@ -152,6 +160,23 @@ def add_report(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--data-root", type=Path, metavar="DIR", help="where the data lie now (where they lay then)")
     parser.add_argument("--stability", type=Path, metavar="JSON", help="rows of bench stability (found beside the run)")
     parser.add_argument("--max-mb", type=float, default=30.0, metavar="MB", help="largest page; videos shrink (30)")
+
+
+def add_stability(parser: argparse.ArgumentParser) -> None:
+    parser.description = (
+        "Run methods on inputs that break them, each in a process with limits; exit code 1 where an outcome is not one "
+        "of those expected. Finished cells are never redone."
+    )
+    names: dict[str, Any] = {"action": "append", "metavar": "A,B"}
+    parser.add_argument("--methods", **names, help="methods (orca, warp, warp-telea)")
+    parser.add_argument("--cases", **names, help="cases or groups of cases (all whose data are here)")
+    curves = "instead, quality against noise, scale, fov, seed, jpeg (all of them, or those named)"
+    parser.add_argument("--curves", nargs="?", const="all", metavar="A,B", help=curves)
+    parser.add_argument("--preset", default="draft", help="preset of ORCA (draft)")
+    parser.add_argument("--time-limit", type=float, default=300.0, metavar="S", help="CPU seconds for a cell (300)")
+    parser.add_argument("--memory-limit", type=float, default=8000.0, metavar="MB", help="resident memory (8000)")
+    parser.add_argument("--out", type=Path, metavar="DIR", help="folder of the run (runs/stability)")
+    parser.add_argument("--retry-unexpected", action="store_true", help="run cells again that were not as expected")
 
 
 def add_list(parser: argparse.ArgumentParser) -> None:

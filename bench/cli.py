@@ -31,8 +31,14 @@ _VERBS: dict[str, tuple[str, Callable[[argparse.ArgumentParser], None], str]] = 
     "table": ("print tables of a run, or the paper's, from files", arguments.add_table, "table:table_command"),
     "tsed": ("print a run's TSED: pooled, nulls, grid", arguments.add_tsed, "tsed:tsed_command"),
     "compare": ("say what moved between two runs", arguments.add_compare, "compare:compare_command"),
+    "merge": ("put parts of a run together", arguments.add_merge, "merge:merge_command"),
     "verify": ("find edited results and stale inputs of a run", arguments.add_verify, "verify:verify_command"),
     "speed": ("time renderer and trainer, fast against reference", arguments.add_speed, "speed:speed_command"),
+    "stability": (
+        "run methods on inputs that break them",
+        arguments.add_stability,
+        "stability:stability_command",
+    ),
     "validate": (
         "say whether a folder of frames or splats is usable",
         arguments.add_validate,

@@ -78,15 +78,19 @@ class RunStore:
         """Where the scored frames of a cell lie."""
         return self._cell("frames", method, scene, ".npz")
 
+    def work_path(self, method: str, scene: str) -> Path:
+        """Where a method leaves files of its own."""
+        return self._cell("work", method, scene, "")
+
     def fresh_work_dir(self, method: str, scene: str) -> Path:
         """An empty folder for the method's own files: nothing of an older version of the method is left in it."""
-        folder = self._cell("work", method, scene, "")
+        folder = self.work_path(method, scene)
         shutil.rmtree(folder, ignore_errors=True)
         return output_folder(folder)
 
     def drop_empty_work_dir(self, method: str, scene: str) -> None:
         """Remove the work folder of a method that left nothing in it."""
-        folder = self._cell("work", method, scene, "")
+        folder = self.work_path(method, scene)
         if folder.is_dir() and not any(folder.iterdir()):
             folder.rmdir()
 
