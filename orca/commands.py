@@ -34,6 +34,7 @@ _DEPTH_SUFFIXES = (".depth.png", ".depth.npy", "_depth.png", "_depth.npy")
 
 def reconstruct(arguments: argparse.Namespace) -> Answer:
     """Image in, folder out: scene, preview, ledger, configuration and timings."""
+    from orca.ledger_picture import write_ledger_picture
     from orca.paths import scene_radius
     from orca.pipeline import reconstruct as run_pipeline
     from orca.preview import write_preview
@@ -71,6 +72,7 @@ def reconstruct(arguments: argparse.Namespace) -> Answer:
         holes = write_preview(scene, cameras, video, picture, arguments.fps, arguments.device, bars)
     seconds = {**seconds, **result.record["seconds"], "preview": time.perf_counter() - started}
     _write_json(folder / "ledger.json", result.ledger)
+    write_ledger_picture(scene, cameras, result.ledger, folder / "ledger.png")
     _write_json(folder / "config.json", {**config.to_json(), "run": facts})
     _write_json(folder / "timings.json", {"schema_version": 1, "seconds": seconds, "record": result.record})
     return _reconstruct_answer(scene, result.record, seconds, folder, depth, holes)
@@ -185,7 +187,16 @@ def _facts(arguments: argparse.Namespace, depth: DepthEstimate, view: FieldOfVie
 def _reconstruct_answer(
     scene: Scene, record: dict[str, Any], seconds: dict[str, float], folder: Path, depth: DepthEstimate, holes: float
 ) -> Answer:
-    files = ["scene.safetensors", "preview.mp4", "preview.png", "ledger.json", "config.json", "timings.json"]
+    names = (
+        "scene.safetensors",
+        "preview.mp4",
+        "preview.png",
+        "ledger.json",
+        "ledger.png",
+        "config.json",
+        "timings.json",
+    )
+    files = [name for name in names if (folder / name).exists()]
     psnr = record["input_psnr"]
     document: dict[str, object] = {
         "anchors": scene.num_anchors,

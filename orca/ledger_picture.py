@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
+from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -13,11 +15,12 @@ from orca.anchors import Stage
 from orca.camera import Camera
 from orca.conventions import UInt8Array, to_uint8
 from orca.errors import BadInput
+from orca.images import save_image
 from orca.repair.components import BoolArray
 from orca.repair.ledger import Ledger, RepairRecord
 from orca.scene import Scene
 
-__all__ = ["RULE_COLOURS", "ledger_picture"]
+__all__ = ["RULE_COLOURS", "ledger_picture", "write_ledger_picture"]
 
 RULE_COLOURS: dict[str, tuple[int, int, int]] = {
     "generative_min_area": (66, 135, 245),
@@ -77,6 +80,17 @@ def ledger_picture(
         rows.append(_row([_panel(p, width, t) for p, t in zip(panels, titles, strict=True)]))
     wide = 3 * width + 2 * _GAP
     return np.concatenate([*rows, _legend(ledger, wide)], axis=0)
+
+
+def write_ledger_picture(scene: Scene, cameras: Sequence[Camera], document: dict[str, Any], path: Path) -> bool:
+    """Draw the ledger of a reconstruction (`orca.pipeline.Reconstruction.ledger`) into a PNG.
+
+    Returns whether there was anything to draw: no file is written for a scene without repairs.
+    """
+    if not document["repairs"]:
+        return False
+    save_image(path, ledger_picture(scene, cameras, Ledger.from_json(document)))
+    return True
 
 
 def _most_repaired(ledger: Ledger, count: int) -> list[int]:

@@ -24,6 +24,7 @@ __all__ = ["ExemplarRules", "continue_structure"]
 _MIN_CANDIDATES = 64
 _FLAT = 1e-3  # priority of a patch without any structure; gradients count from here
 _NOISE = 1e-4  # squared colour error that is rendering noise: matches this good are equally good
+_MOST_CANDIDATES = 12288  # of the whole patches; a random part keeps every phase of a pattern many times over
 _SHORT_LIST = 8  # so many times `matches` candidates are compared on every pixel, the others on every fourth
 
 
@@ -65,6 +66,8 @@ def continue_structure(
     candidates = np.flatnonzero(whole).astype(np.int64)
     if len(candidates) < _MIN_CANDIDATES:
         return None
+    if len(candidates) > _MOST_CANDIDATES:
+        candidates = np.sort(np.random.default_rng(0).choice(candidates, _MOST_CANDIDATES, replace=False))
     scale = np.float32(1.0 / float(np.median(inverse_depth[source])))
     image = np.dstack([rgb, scale * inverse_depth]).astype(np.float32)
     image[~source] = 0.0
