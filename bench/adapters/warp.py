@@ -83,7 +83,9 @@ class Warp:
         filled = map_on_cores(lambda splat: fill(splat.rgb, splat.hit), splats)
         clock["inpaint"] = clock.get("inpaint", 0.0) + time.perf_counter() - splatted
         return [
-            (rgb, np.ones(rgb.shape[:2], np.float32), splat.depth) for rgb, splat in zip(filled, splats, strict=True)
+            # A view without a single point has nothing to be filled from: it stays a hole.
+            (rgb, np.full(rgb.shape[:2], float(splat.hit.any()), np.float32), splat.depth)
+            for rgb, splat in zip(filled, splats, strict=True)
         ]
 
     def _notes(self, case: SceneCase) -> tuple[str, ...]:
@@ -94,7 +96,7 @@ class Warp:
         how = (
             f"inpainted by Telea, radius {TELEA_RADIUS} px" if self.fill == "telea" else "filled with the nearest pixel"
         )
-        return depth, view, f"holes {how}, each frame alone: coverage is 1"
+        return depth, view, f"holes {how}, each frame alone: coverage is 1, or 0 where a frame has no point"
 
 
 def _inpaint(rgb: UInt8Array, hit: NDArray[np.bool_]) -> UInt8Array:

@@ -1,0 +1,1 @@
+"""Inputs on which methods fail: what each does with them, in a process of its own, against a stated expectation."""
