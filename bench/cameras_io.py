@@ -7,7 +7,6 @@ that is not zero is refused, since frames rendered with it would be compared wit
 
 from __future__ import annotations
 
-import json
 import math
 import re
 from collections.abc import Sequence
@@ -21,6 +20,7 @@ from orca.camera import Camera
 from orca.camera_file import read_cameras
 from orca.conventions import Float64Array
 from orca.errors import BadInput
+from orca.json_file import parse_json
 
 __all__ = ["MAX_CAMERAS", "NamedCamera", "find_camera_file", "natural_key", "read_camera_file"]
 
@@ -109,12 +109,7 @@ def _read_text(path: Path) -> str:
 
 
 def _read_json(path: Path) -> Any:
-    try:
-        return json.loads(_read_text(path))
-    except (ValueError, RecursionError) as error:
-        if isinstance(error, BadInput):
-            raise
-        raise _broken(path, f"not JSON ({error})") from error
+    return parse_json(_read_text(path), f"camera file {path}", _KINDS, "write the file again")
 
 
 def _number(entry: dict[str, Any], common: dict[str, Any], *keys: str) -> float | None:
@@ -153,6 +148,8 @@ def _nerfstudio_camera(frame: dict[str, Any], document: dict[str, Any]) -> Named
         raise ValueError("no w and h")
     fx, angle = _number(frame, document, "fl_x"), _number(frame, document, "camera_angle_x")
     if fx is None and angle is not None:
+        if not 0 < angle < math.pi:
+            raise ValueError(f"camera_angle_x is {angle}")
         fx = 0.5 * width / math.tan(0.5 * angle)
     if fx is None:
         raise ValueError("no fl_x and no camera_angle_x")

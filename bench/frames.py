@@ -5,7 +5,10 @@ from __future__ import annotations
 import hashlib
 import io
 import logging
+import struct
+import tokenize
 import zipfile
+import zlib
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -18,11 +21,18 @@ from numpy.typing import NDArray
 from bench.adapters.adapter import MethodOutput
 from bench.record import CellRecord, StoredFrame
 from bench.store import write_atomic
+from orca.array_file import decode_png
 from orca.conventions import Float32Array, UInt8Array, to_float, to_uint8
 
 __all__ = ["frame_hashes", "load_frames", "save_frames", "stored_precision"]
 
 _log = logging.getLogger(__name__)
+
+# What numpy, its zip reader and OpenCV raise on nonsense.
+_BROKEN = (
+    *(OSError, ValueError, KeyError, TypeError, AttributeError, EOFError, IndexError, OverflowError, MemoryError),
+    *(zipfile.BadZipFile, zlib.error, RuntimeError, SyntaxError, tokenize.TokenError, struct.error, cv2.error),
+)
 
 # Measured on 600x400 renders: 45 ms and 0.44 MB a frame; OpenCV's default level takes longer and is larger.
 _PNG = [cv2.IMWRITE_PNG_COMPRESSION, 1, cv2.IMWRITE_PNG_STRATEGY, cv2.IMWRITE_PNG_STRATEGY_RLE]
@@ -91,8 +101,9 @@ def load_frames(path: Path, record: CellRecord) -> MethodOutput | None:
         return None
     try:
         with np.load(path, allow_pickle=False) as archive:
+            _check_members(archive)
             output = _decode_all({key: archive[key] for key in archive.files}, record)
-    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile, cv2.error) as error:
+    except _BROKEN as error:
         _log.warning("%s cannot be read (%s): %s has to run again", path, error, record.method)
         return None
     indices = [frame.index for frame in record.frames]
@@ -100,6 +111,14 @@ def load_frames(path: Path, record: CellRecord) -> MethodOutput | None:
         _log.warning("%s holds other pixels than its record: %s has to run again", path, record.method)
         return None
     return output
+
+
+def _check_members(archive: Any) -> None:
+    """`save_frames` compresses nothing, so that a file cannot hold more than its own size."""
+    if not isinstance(archive, np.lib.npyio.NpzFile):
+        raise ValueError("no archive of arrays")
+    if any(member.compress_type != zipfile.ZIP_STORED for member in archive.zip.infolist()):
+        raise ValueError("compressed arrays")
 
 
 def _decode_all(arrays: dict[str, NDArray[Any]], record: CellRecord) -> MethodOutput:
@@ -154,7 +173,5 @@ def _encode(image: NDArray[Any], settings: Sequence[int] = _PNG) -> NDArray[np.u
 
 
 def _decode(stream: NDArray[np.uint8]) -> NDArray[Any]:
-    image = cv2.imdecode(stream, cv2.IMREAD_UNCHANGED)
-    if image is None:
-        raise ValueError("a frame is not a PNG")
+    image = decode_png(np.asarray(stream, np.uint8).tobytes(), "a stored frame")
     return np.ascontiguousarray(image[..., ::-1] if image.ndim == 3 else image)

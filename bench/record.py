@@ -152,6 +152,23 @@ class StoredFrame:
     pixel_sha256: str
 
 
+def _checked(record: CellRecord) -> CellRecord:
+    """The record, if its parts are of the types that everybody reads them as; raises `TypeError` otherwise."""
+    words = (record.dataset, record.scene, record.method, record.method_version, *record.notes)
+    tables = (record.timing, record.host, record.model, record.views, record.inputs)
+    if not all(isinstance(word, str) for word in words) or not all(isinstance(part, dict) for part in tables):
+        raise TypeError("a name that is no text, or a part that is no object")
+    for key, score in record.scores.items():
+        number = score.value is None or (isinstance(score.value, int | float) and not isinstance(score.value, bool))
+        if not number or type(score.n) is not int or not isinstance(score.spec, dict):
+            raise TypeError(f"a score '{key}' without a number")
+        if score.status not in (OK, NOT_APPLICABLE, UNAVAILABLE, FAILED):
+            raise ValueError(f"a score '{key}' of status {score.status}")
+        if not isinstance(score.per_frame, list | None) or not isinstance(score.detail, dict):
+            raise TypeError(f"a score '{key}' whose values are no list")
+    return record
+
+
 @dataclass(frozen=True)
 class CellRecord:
     """One method on one scene.
@@ -213,15 +230,17 @@ class CellRecord:
             if document["schema_version"] not in READABLE:
                 raise ValueError(f"schema_version {document['schema_version']}")
             failure = document.get("failure")
-            return CellRecord(
-                **{
-                    **unsealed(document),
-                    "schema_version": SCHEMA_VERSION,
-                    "scores": {key: ScoreRecord(**score) for key, score in document["scores"].items()},
-                    "frames": tuple(StoredFrame(**frame) for frame in document["frames"]),
-                    "notes": tuple(document["notes"]),
-                    "failure": None if failure is None else Failure(**failure),
-                }
+            return _checked(
+                CellRecord(
+                    **{
+                        **unsealed(document),
+                        "schema_version": SCHEMA_VERSION,
+                        "scores": {key: ScoreRecord(**score) for key, score in document["scores"].items()},
+                        "frames": tuple(StoredFrame(**frame) for frame in document["frames"]),
+                        "notes": tuple(document["notes"]),
+                        "failure": None if failure is None else Failure(**failure),
+                    }
+                )
             )
         except (KeyError, TypeError, ValueError, AttributeError) as error:
             raise BadInput(

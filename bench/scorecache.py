@@ -68,7 +68,7 @@ class ScoreCache:
                 metric_id: ScoreRecord(**{**document["scores"][metric_id], "spec": jsonable(asdict(spec))})
                 for metric_id, spec in specs.items()
             }
-        except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
+        except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
             _log.warning("%s is left aside (%s): its scores are computed again", path, error)
             return None
 

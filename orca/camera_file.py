@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +9,7 @@ import numpy as np
 
 from orca.camera import Camera
 from orca.errors import BadInput
+from orca.json_file import read_json_file
 
 __all__ = ["read_camera_document", "read_cameras"]
 
@@ -25,15 +25,12 @@ def read_camera_document(path: Path) -> dict[str, Any]:
     Raises:
         BadInput: no such file, not JSON, or a missing field.
     """
-    try:
-        document = json.loads(Path(path).read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
-        raise BadInput(f"camera file {path} cannot be read ({error})", _ALLOWED, "check the path") from error
+    document = read_json_file(Path(path), _ALLOWED, "check the path")
     if not isinstance(document, dict):
         raise BadInput(f"camera file {path} holds a {type(document).__name__}", _ALLOWED, "check the file")
     try:
         return _recovered(document) if "K_512" in document else {key: document[key] for key in _fields(document)}
-    except (KeyError, TypeError, ValueError) as error:
+    except (KeyError, TypeError, ValueError, OverflowError) as error:
         raise BadInput(f"camera file {path} with a broken field ({error})", _ALLOWED, "check the file") from error
 
 
@@ -62,9 +59,9 @@ def read_cameras(path: Path) -> tuple[Camera, ...]:
         poses = np.asarray(document["world_to_camera"], np.float64)
         K = np.asarray(document["K"], np.float64)
         size = int(document["width"]), int(document["height"])
-    except (TypeError, ValueError) as error:
+    except (TypeError, ValueError, OverflowError) as error:
         raise BadInput(f"camera file {path} with a broken field ({error})", _ALLOWED, "check the file") from error
-    per_frame = np.broadcast_to(K, (len(poses), *K.shape)) if K.ndim == 2 else K
-    if poses.ndim != 3 or len(poses) == 0 or len(per_frame) != len(poses):
+    per_frame = np.broadcast_to(K, (len(poses) if poses.ndim else 0, *K.shape)) if K.ndim == 2 else K
+    if poses.ndim != 3 or len(poses) == 0 or per_frame.ndim != 3 or len(per_frame) != len(poses):
         raise BadInput(f"camera file {path}: {poses.shape} poses, {K.shape} K", _ALLOWED, "check the file")
     return tuple(Camera(k, pose, *size) for k, pose in zip(per_frame, poses))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -25,6 +26,7 @@ PLY_FIELDS = (
     *("x", "y", "z", "nx", "ny", "nz", "f_dc_0", "f_dc_1", "f_dc_2", "opacity"),
     *("scale_0", "scale_1", "scale_2", "rot_0", "rot_1", "rot_2", "rot_3"),
 )
+MAX_BYTES = 8 * 2**30  # of a file that is read
 _ALPHA_LIMITS = (1e-4, 1 - 1e-4)
 _TYPES = {"float": "<f4", "float32": "<f4", "double": "<f8", "float64": "<f8", "uchar": "u1", "uint8": "u1"}
 _TYPES |= {"int": "<i4", "int32": "<i4", "uint": "<u4", "uint32": "<u4", "short": "<i2", "ushort": "<u2", "char": "i1"}
@@ -121,6 +123,8 @@ def read_ply(path: str | os.PathLike[str]) -> NDArray[np.void]:
     """
     source = Path(path)
     try:
+        if source.stat().st_size > MAX_BYTES:
+            raise BadInput(f"'{source}' of {source.stat().st_size} bytes", f"at most {MAX_BYTES}", "thin the scene out")
         content = source.read_bytes()
     except OSError as error:
         raise BadInput(f"'{source}' cannot be read ({error.strerror})", "a .ply file", "check the path") from error
@@ -143,7 +147,7 @@ def _layout(lines: list[str], source: Path) -> tuple[int, np.dtype[np.void]]:
         if words[:1] == ["element"]:
             if count is not None:
                 break  # what follows the vertices is not read
-            if len(words) != 3 or words[1] != "vertex" or not words[2].isdecimal():
+            if len(words) != 3 or words[1] != "vertex" or not re.fullmatch(r"[0-9]{1,18}", words[2]):
                 count = None
                 break
             count = int(words[2])
@@ -153,4 +157,6 @@ def _layout(lines: list[str], source: Path) -> tuple[int, np.dtype[np.void]]:
             fields.append((words[2], _TYPES[words[1]]))
     if count is None or not fields:
         raise BadInput(f"'{source}' has no vertices", "an element 'vertex' first in the header", "export it again")
+    if len({name for name, _ in fields}) != len(fields):
+        raise BadInput(f"'{source}' has two properties of one name", "a name for each", "export it again")
     return count, np.dtype(fields)

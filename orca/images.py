@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import struct
 import warnings
 from pathlib import Path
 
@@ -17,7 +18,11 @@ __all__ = ["MAX_PIXELS", "MIN_SIDE", "load_image", "save_image"]
 
 MIN_SIDE = 16
 MAX_PIXELS = 100_000_000
-_FORMATS = "a PNG, JPEG, WebP, TIFF or BMP image"
+_FORMATS = "a PNG, JPEG, WebP, TIFF, BMP or GIF image"
+# Pillow has dozens more, some of which start other programs (EPS: Ghostscript).
+_DECODERS = ("PNG", "JPEG", "WEBP", "TIFF", "BMP", "GIF")
+# What Pillow's decoders raise on broken data.
+_BROKEN = (OSError, SyntaxError, ValueError, EOFError, struct.error, IndexError, KeyError, TypeError, OverflowError)
 
 
 def load_image(path: str | os.PathLike[str]) -> UInt8Array:
@@ -37,7 +42,7 @@ def load_image(path: str | os.PathLike[str]) -> UInt8Array:
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", Image.DecompressionBombWarning)  # our own limit is checked instead
-            with Image.open(source) as image:
+            with Image.open(source, formats=_DECODERS) as image:
                 _check_size(source, *image.size)
                 upright = ImageOps.exif_transpose(image)
                 return np.array(_to_rgb(source, upright))
@@ -47,7 +52,7 @@ def load_image(path: str | os.PathLike[str]) -> UInt8Array:
         raise _too_large(source, str(error)) from error
     except UnidentifiedImageError as error:
         raise BadInput(f"'{source}' is not an image", _FORMATS, "check that the file is what its name says") from error
-    except (OSError, SyntaxError, ValueError, EOFError) as error:  # Pillow's decoders raise all four on broken data
+    except _BROKEN as error:
         raise BadInput(f"'{source}' cannot be decoded ({error})", _FORMATS, "get the file again") from error
 
 

@@ -10,18 +10,20 @@ from typing import Any
 import numpy as np
 import torch
 
-from orca.anchors import GaussianAnchors
+from orca.anchors import GaussianAnchors, Stage
 from orca.atomic import atomic_path
 from orca.camera import Camera
 from orca.config import RenderConfig
 from orca.conventions import Float32Array
 from orca.errors import BadInput
 from orca.field.decoders import Decoders
+from orca.images import MAX_PIXELS
 from orca.render.renderer import Renderer
 
 __all__ = ["SCHEMA_VERSION", "Scene"]
 
 SCHEMA_VERSION = 1
+MAX_BYTES = 16 * 2**30
 _ANCHOR_FIELDS = ("means", "log_variances", "quaternions", "opacity_logits", "features", "stage")
 
 
@@ -91,10 +93,12 @@ class Scene:
         from safetensors import SafetensorError, safe_open
 
         try:
+            if Path(path).stat().st_size > MAX_BYTES:
+                raise ValueError(f"more than {MAX_BYTES} bytes")
             with safe_open(str(path), framework="pt") as file:
                 document = json.loads((file.metadata() or {})["orca_scene"])
                 tensors = {key: file.get_tensor(key) for key in file.keys()}  # noqa: SIM118 - not a mapping
-        except (OSError, SafetensorError, KeyError, ValueError) as error:
+        except (OSError, SafetensorError, KeyError, ValueError, RecursionError) as error:
             raise BadInput(
                 f"'{path}' is not a scene file ({type(error).__name__}: {error})",
                 "a scene.safetensors written by `python -m orca reconstruct`",
@@ -112,6 +116,7 @@ def _assemble(document: dict[str, Any], tensors: dict[str, torch.Tensor], path: 
             "reconstruct the scene again with this version",
         )
     try:
+        _check_tensors(tensors)
         anchors = GaussianAnchors(**{name: tensors[f"anchors.{name}"] for name in _ANCHOR_FIELDS})
         decoders = Decoders(use_direction=bool(document["use_direction"]))
         state = {k.removeprefix("decoders."): v for k, v in tensors.items() if k.startswith("decoders.")}
@@ -119,12 +124,39 @@ def _assemble(document: dict[str, Any], tensors: dict[str, torch.Tensor], path: 
         camera = document["camera"]
         pose = np.asarray(camera["world_to_camera"])
         view = Camera(np.asarray(camera["K"]), pose, int(camera["width"]), int(camera["height"]))
-        return Scene(anchors, decoders, RenderConfig(**document["render_config"]), view, document["provenance"])
+        if view.width * view.height > MAX_PIXELS or not isinstance(document["provenance"], dict):
+            raise ValueError(f"a camera of {view.width}x{view.height} pixels, or no provenance")
+        return Scene(anchors, decoders, _render_config(document["render_config"]), view, document["provenance"])
     except BadInput:
         raise
-    except (KeyError, TypeError, ValueError, RuntimeError) as error:
+    except (KeyError, TypeError, ValueError, RuntimeError, OverflowError) as error:
         raise BadInput(
             f"scene file '{path}' with a missing or broken part ({error})",
             "a scene.safetensors written by `python -m orca reconstruct`",
             "reconstruct the scene again",
         ) from error
+
+
+def _check_tensors(tensors: dict[str, torch.Tensor]) -> None:
+    """Finite float32, but for the stage: compiled code indexes by what is computed from these numbers."""
+    for name, tensor in tensors.items():
+        if name == "anchors.stage":
+            if tensor.dtype != torch.uint8 or (tensor.numel() and int(tensor.max()) >= len(Stage)):
+                raise ValueError(f"{name} of {tensor.dtype}, or a stage that there is not")
+        elif tensor.dtype != torch.float32 or not bool(torch.isfinite(tensor).all()):
+            raise ValueError(f"{name} of {tensor.dtype}, where finite float32 is needed")
+
+
+def _render_config(fields: dict[str, Any]) -> RenderConfig:
+    """The configuration of a file; raises `ValueError` for one that cannot be rendered with."""
+    config = RenderConfig(**fields)
+    whole = (config.max_hits, config.window)
+    real = (config.chi2, config.near, config.layer_gap_sigmas, config.layer_gap_relative, config.background)
+    known = all(type(value) is int for value in whole) and all(type(value) in (int, float) for value in real)
+    if not known or config.decode not in ("layered", "per_hit"):
+        raise ValueError(f"a render_config of {fields}")
+    if not (1 <= config.max_hits <= 4096 and -1 <= config.window <= 4096 and 0 < config.chi2 < 1e4):
+        raise ValueError(f"max_hits {config.max_hits}, window {config.window}, chi2 {config.chi2}")
+    if not all(0 <= value < 1e6 for value in real):
+        raise ValueError(f"a render_config of {fields}")
+    return config

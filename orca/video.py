@@ -13,7 +13,10 @@ from orca.atomic import atomic_path
 from orca.conventions import UInt8Array
 from orca.errors import BadInput
 
-__all__ = ["read_video", "write_video"]
+__all__ = ["MAX_PIXELS", "read_video", "write_video"]
+
+MAX_PIXELS = 100_000_000  # of a frame
+MAX_BYTES = 8 * 2**30  # of all frames that are kept
 
 
 def write_video(
@@ -111,17 +114,25 @@ def _decode(path: Path, wanted: set[int] | None) -> tuple[dict[int, UInt8Array],
     if not path.is_file():
         raise BadInput(f"no such video: {path}", "a video file", "check the path")
     kept: dict[int, UInt8Array] = {}
+    size: tuple[int, int] | None = None
     last = None if wanted is None else max(wanted)
     count = 0
     try:
         with av.open(str(path)) as container:
             for frame in container.decode(_video_stream(container, path)):
+                size = size or (frame.width, frame.height)
+                if (frame.width, frame.height) != size:
+                    raise _unreadable(path, f"frame {count} is {frame.width}x{frame.height}, the first {size}")
                 if wanted is None or count in wanted:
                     kept[count] = frame.to_ndarray(format="rgb24")
+                if len(kept) * 3 * size[0] * size[1] > MAX_BYTES:
+                    raise _unreadable(path, f"more than {MAX_BYTES >> 30} GiB of frames")
                 count += 1
                 if last is not None and count > last:
                     break
-    except av.FFmpegError as error:
+    except BadInput:
+        raise
+    except (av.FFmpegError, OSError, ValueError, MemoryError) as error:  # PyAV's own, and what it raises on nonsense
         raise _unreadable(path, str(error)) from error
     return kept, count
 
@@ -130,6 +141,11 @@ def _video_stream(container: Any, path: Path) -> Any:
     if not container.streams.video:
         raise _unreadable(path, "it has no video stream")
     stream = container.streams.video[0]
+    if stream.codec_context is None:
+        raise _unreadable(path, "no decoder knows its codec")
+    width, height = stream.codec_context.width, stream.codec_context.height
+    if not 0 < width * height <= MAX_PIXELS:
+        raise _unreadable(path, f"frames of {width}x{height} pixels")
     stream.thread_type = "AUTO"
     return stream
 

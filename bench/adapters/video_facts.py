@@ -37,13 +37,17 @@ def video_facts(path: Path) -> VideoFacts:
             if not container.streams.video:
                 raise BadInput(f"{path} has no video stream", "an mp4 with one", "check the file")
             stream = container.streams.video[0]
+            if stream.codec_context is None:
+                raise BadInput(f"{path} of a codec that no decoder knows", "H.264 in an mp4", "encode it again")
             width, height = int(stream.codec_context.width), int(stream.codec_context.height)
             count = 0
             for packet in container.demux(stream):
                 count += bool(packet.size)
                 if count > MAX_FRAMES:
                     break
-    except av.FFmpegError as error:
+    except (av.FFmpegError, OSError, ValueError, MemoryError) as error:
+        if isinstance(error, BadInput):
+            raise
         raise BadInput(f"unreadable video {path}: {error}", "a complete mp4", "fetch it again") from error
     if not (0 < count <= MAX_FRAMES and 0 < width * height <= MAX_PIXELS):
         raise BadInput(

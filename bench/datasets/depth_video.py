@@ -8,7 +8,6 @@ the colour video). What lies beyond the 99th percentile is cut to a + b.
 
 from __future__ import annotations
 
-import json
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -17,9 +16,11 @@ import cv2
 import numpy as np
 
 from bench.datasets.manifest import REALMDREAMER_SCENES, depth_video_url
+from orca.array_file import read_png
 from orca.atomic import atomic_path
 from orca.conventions import Float32Array, Float64Array, UInt8Array
 from orca.errors import BadInput, Unavailable
+from orca.json_file import read_json_file
 from orca.video import read_video
 
 __all__ = ["COLOUR_MAPS", "DepthScene", "decode_values", "rebuild_depth"]
@@ -91,7 +92,7 @@ def rebuild_depth(root: Path, scene: str, out: Path) -> DepthScene:
     depth = a + b * values.astype(np.float64)
     stored = np.clip(np.round(depth / _STEP), 1, 65535).astype(np.uint16)
     file = out / f"{scene}.png"
-    before = cv2.imread(str(file), cv2.IMREAD_UNCHANGED) if file.is_file() else None
+    before = read_png(file) if file.is_file() else None
     if before is not None:
         return DepthScene(scene, file, False, name, fit, *_difference(stored, before, file))
     encoded, content = cv2.imencode(".png", stored)
@@ -145,10 +146,9 @@ def _affine(root: Path, scene: str) -> tuple[float, float]:
     path = root / "realmdreamer" / "scenes.json"
     entry: dict[str, Any] = {}
     if path.is_file():
-        try:
-            entry = json.loads(path.read_text(encoding="utf-8")).get(scene, {})
-        except (ValueError, AttributeError) as error:
-            raise BadInput(f"{path} is not scenes.json ({error})", "an object of scenes", "get it again") from error
+        document = read_json_file(path, "an object of scenes", "get it again")
+        found = document.get(scene) if isinstance(document, dict) else None
+        entry = found if isinstance(found, dict) else {}
     values = entry.get("depth_affine") or REALMDREAMER_SCENES.get(scene, {}).get("depth_affine")
     if not (isinstance(values, list) and len(values) == 2 and all(isinstance(v, int | float) for v in values)):
         raise BadInput(f"no depth_affine of scene '{scene}'", "two numbers a, b", "add it to scenes.json")

@@ -13,9 +13,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-import cv2
-import numpy as np
-
 from bench.datasets.assemble import (
     DEFAULT_HFOV_DEG,
     DEFAULT_TRAJECTORY,
@@ -27,6 +24,7 @@ from bench.datasets.assemble import (
 from bench.datasets.case import Dataset, SceneCase
 from bench.datasets.catalogue import DatasetOptions
 from bench.trajectories import build_trajectory, evenly_spaced
+from orca.array_file import read_npy, read_png
 from orca.camera import Camera
 from orca.conventions import Float32Array, UInt8Array
 from orca.errors import BadInput, Unavailable
@@ -109,12 +107,5 @@ class ImageFolder:
 
 def _read_depth(path: Path, image: UInt8Array) -> Float32Array:
     if path.suffix == ".npy":
-        try:
-            stored = np.load(path, allow_pickle=False)
-        except (OSError, ValueError, EOFError) as error:
-            raise BadInput(f"unreadable depth map {path} ({error})", "an array [H, W]", "write it anew") from error
-        return checked_depth(np.asarray(stored), image, str(path))
-    stored = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
-    if stored is None:
-        raise BadInput(f"depth map {path} is not an image", "a PNG of one channel", "write it anew")
-    return checked_depth(stored, image, str(path))
+        return checked_depth(read_npy(path), image, str(path))
+    return checked_depth(read_png(path), image, str(path))

@@ -8,22 +8,22 @@ published cameras. It is stored with the data and not computed anew from the dep
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 
 from bench.datasets.assemble import check_scene, checked_depth
 from bench.datasets.case import Dataset, SceneCase
 from bench.datasets.catalogue import DatasetOptions, resolve_data_root
 from bench.trajectories import Trajectory, build_trajectory, evenly_spaced, from_poses
+from orca.array_file import read_png
 from orca.camera import Camera
 from orca.conventions import Float32Array, UInt8Array
 from orca.errors import BadInput, Unavailable
 from orca.images import load_image
+from orca.json_file import read_json_file
 from orca.paths import vistadream
 
 __all__ = ["SCENES", "RealmDreamer", "open_realmdreamer"]
@@ -96,7 +96,7 @@ class RealmDreamer:
     def _entry(self, scene: str) -> dict[str, Any]:
         entry = self._catalogue().get(scene)
         fields = ("fx_512", "forward_ratio", "backward_ratio")
-        if not isinstance(entry, dict) or not all(isinstance(entry.get(field), int | float) for field in fields):
+        if not isinstance(entry, dict) or not all(_is_number(entry.get(field)) for field in fields):
             raise BadInput(
                 f"{self._root / 'scenes.json'} without a complete entry for '{scene}'",
                 "fx_512, forward_ratio and backward_ratio per scene",
@@ -108,10 +108,7 @@ class RealmDreamer:
         path = self._root / "scenes.json"
         if not path.is_file():
             raise self._missing(path)
-        try:
-            catalogue = json.loads(path.read_text(encoding="utf-8"))
-        except ValueError as error:
-            raise BadInput(f"{path} is not JSON ({error})", "scenes.json", "get scenes.json again") from error
+        catalogue = read_json_file(path, "scenes.json", "get scenes.json again")
         if not isinstance(catalogue, dict):
             raise BadInput(f"{path} holds a {type(catalogue).__name__}", "an object", "get scenes.json again")
         return catalogue
@@ -131,6 +128,10 @@ class RealmDreamer:
         )
 
 
+def _is_number(value: object) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) < 1e9  # nor NaN
+
+
 def _vistadream(entry: dict[str, Any], camera: Camera) -> Trajectory:
     poses = vistadream(VISTADREAM_FRAMES, 1.0, float(entry["forward_ratio"]), float(entry["backward_ratio"]))
     return from_poses("vistadream", poses, camera, VISTADREAM_FPS)
@@ -145,8 +146,7 @@ def _camera(entry: dict[str, Any], image: UInt8Array) -> Camera:
 
 def _read_depth(path: Path, image: UInt8Array) -> Float32Array:
     """z-depth in R, [H, W] float32. The format ends at 6.5535 R: what lies farther is stored at that limit."""
-    stored = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
-    if stored is None or stored.dtype != np.uint16:
-        found = "not an image" if stored is None else f"of type {stored.dtype}"
-        raise BadInput(f"depth map {path} is {found}", "a 16-bit grey PNG in 1e-4 R", "get the file again")
+    stored = read_png(path)
+    if stored.dtype != np.uint16:
+        raise BadInput(f"depth map {path} is of type {stored.dtype}", "a 16-bit grey PNG in 1e-4 R", "get it again")
     return checked_depth(stored, image, str(path)) * np.float32(_DEPTH_STEP)

@@ -99,7 +99,7 @@ class Answers:
                 entry = json.loads(line)
                 question = Question(entry["asked_of"], entry["frame_sha256"], entry["text"])
                 self._known[question] = str(entry["answer"])
-            except (ValueError, KeyError, TypeError):
+            except (ValueError, KeyError, TypeError, RecursionError):
                 unread += bool(line.strip())
         self._torn = bool(content) and not content.endswith(b"\n")
         if unread:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import re
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -27,6 +28,12 @@ class WeightsFile:
     name: str
     source: str
     expected_sha256: str = ""
+
+    @property
+    def pin(self) -> str:
+        """What its hash begins with: all of it where it is published, else the eight digits in names like torch's."""
+        named = re.search(r"-([0-9a-f]{8})\.pth$", self.name)
+        return self.expected_sha256 or (named[1] if named else "")
 
     @property
     def url(self) -> str:
@@ -57,11 +64,10 @@ class WeightsFile:
 
     def check(self, weights_dir: Path | None) -> None:
         """Raise `BadInput` if the file is there and is not the published one."""
-        found = self.sha256(weights_dir)
-        if found is None or not self.expected_sha256 or found == self.expected_sha256:
+        if not self.pin or (found := self.sha256(weights_dir)) is None or found.startswith(self.pin):
             return
-        path = self._path(weights_dir)
-        raise BadInput(f"{path} has SHA-256 {found}", self.expected_sha256, f"get the published file: {self.source}")
+        path, wanted = self._path(weights_dir), self.expected_sha256 or f"one that begins with {self.pin}"
+        raise BadInput(f"{path} has SHA-256 {found}", wanted, f"get the published file: {self.source}")
 
     def _path(self, weights_dir: Path | None) -> Path | None:
         return None if weights_dir is None else weights_dir / self.name

@@ -46,6 +46,15 @@ def fetch_weights(
     return [*found, (path, "here" if path.is_dir() else "by hand", BAKLLAVA.source, how)]
 
 
+def _keep_if_right(file: WeightsFile, folder: Path) -> None:
+    """Names like torch's carry the beginning of the hash; a file with another is removed."""
+    try:
+        file.check(folder)
+    except BadInput:
+        (folder / file.name).unlink()
+        raise
+
+
 def _fetch(file: WeightsFile, folder: Path, fetcher: Fetcher | None, report: Report) -> tuple[str, str, str]:
     path = folder / file.name
     try:
@@ -53,9 +62,10 @@ def _fetch(file: WeightsFile, folder: Path, fetcher: Fetcher | None, report: Rep
             file.check(folder)
             return "here", file.url, sha256_of(path)
         if fetcher is None:
-            return "missing", file.url, file.expected_sha256 or "no hash is pinned"
+            return "missing", file.url, file.pin or "no hash is pinned"
         pinned = file.expected_sha256 or None
         fetcher.fetch(file.url, path, pinned, MAX_BYTES, lambda done, total: report(file.name, done, total))
+        _keep_if_right(file, folder)
         return "fetched", file.url, sha256_of(path)
     except Unavailable as error:
         if not isinstance(error.__cause__, urllib.error.HTTPError):

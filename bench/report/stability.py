@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Any
 
 from orca.errors import BadInput
+from orca.json_file import read_json_file
 
 __all__ = ["CLASSES", "find_stability", "read_stability"]
 
@@ -40,10 +40,10 @@ def read_stability(path: Path) -> dict[str, Any]:
     """
     allowed = 'rows of "case", "method", "outcome", "detail" and "seconds", as bench stability --json writes them'
     try:
-        document = json.loads(path.read_text(encoding="utf-8"))
+        document = read_json_file(path, allowed)
         rows = document["rows"] if isinstance(document, dict) else document
         cells = {(str(row["case"]), str(row["method"])): _cell(row) for row in rows}
-    except (OSError, ValueError, KeyError, TypeError) as error:
+    except (KeyError, TypeError) as error:
         raise BadInput(f"{path} ({type(error).__name__}: {error})", allowed, "write it again") from error
     cases = list(dict.fromkeys(case for case, _ in cells))
     methods = list(dict.fromkeys(method for _, method in cells))

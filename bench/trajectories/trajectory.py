@@ -110,7 +110,7 @@ class Trajectory:
                 unit=str(document.get("unit", "R")),
                 fps=float(document.get("fps", 20.0)),
             )
-        except (KeyError, TypeError, ValueError) as error:
+        except (KeyError, TypeError, ValueError, OverflowError) as error:
             if isinstance(error, BadInput):
                 raise
             raise BadInput(

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt
 
+from orca.array_file import read_npy, read_png
 from orca.camera import Camera
 from orca.conventions import Float32Array, Float64Array
 from orca.errors import BadInput
@@ -150,7 +151,7 @@ def read_depth_values(path: Path) -> Float64Array:
         raise BadInput(f"depth file '{path}' does not exist", "a PNG or NPY file", "check the path")
     if path.suffix.lower() not in (".png", ".npy"):
         raise BadInput(f"depth file '{path.name}'", "PNG (8 or 16 bits) or NPY", "convert it, without loss")
-    values = _read_npy(path) if path.suffix.lower() == ".npy" else _read_png(path)
+    values = read_npy(path) if path.suffix.lower() == ".npy" else read_png(path)
     if values.ndim == 3 and bool((values == values[..., :1]).all()):
         values = values[..., 0]
     if values.ndim != 2 or values.size == 0:
@@ -160,25 +161,6 @@ def read_depth_values(path: Path) -> Float64Array:
             "export the depth itself, not a colour-mapped picture of it",
         )
     return values.astype(np.float64)
-
-
-def _read_png(path: Path) -> NDArray[np.generic]:
-    content = np.frombuffer(path.read_bytes(), np.uint8)
-    values = cv2.imdecode(content, cv2.IMREAD_UNCHANGED) if content.size else None
-    if values is None:
-        raise BadInput(f"depth file '{path}' is not a readable PNG", "PNG, 8 or 16 bits", "get the file again")
-    return np.asarray(values)
-
-
-def _read_npy(path: Path) -> NDArray[np.generic]:
-    try:
-        values = np.load(path, allow_pickle=False)
-    except (OSError, ValueError, EOFError) as error:
-        given = f"depth file '{path}' is not a readable NPY ({error})"
-        raise BadInput(given, "an array of real numbers", "save it with np.save") from error
-    if not isinstance(values, np.ndarray) or values.dtype.kind not in "fiu":
-        raise BadInput(f"depth file '{path}' holds no numbers", "an array of real numbers", "save it with np.save")
-    return values
 
 
 def _fill_nearest(values: Float64Array, good: NDArray[np.bool_]) -> Float64Array:

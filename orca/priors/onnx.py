@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +20,8 @@ from orca.priors.spec import PriorSpec
 
 __all__ = ["OnnxDepth"]
 
+TRIAL_S = 600
+MAX_BYTES = 2**31 - 1  # protobuf's own limit
 _IMAGENET_MEAN = np.array([0.485, 0.456, 0.406], np.float32)
 _IMAGENET_STD = np.array([0.229, 0.224, 0.225], np.float32)
 
@@ -125,6 +130,10 @@ class OnnxDepth:
             raise Unavailable(
                 f"network '{self.path}' does not exist", "an ONNX file", "put it there, or correct the path"
             )
+        if (size := self.path.stat().st_size) > MAX_BYTES:
+            raise BadInput(f"network '{self.path}' of {size} bytes", f"at most {MAX_BYTES} bytes", "use a smaller one")
+        facts = self.path.stat()
+        _check_by_trial(self.path, self.width, self.height, facts.st_size, facts.st_mtime_ns)
         try:
             return cv2.dnn.readNetFromONNX(str(self.path))
         except cv2.error as error:
@@ -133,6 +142,41 @@ class OnnxDepth:
                 "an ONNX file",
                 "export the network again, with a fixed input size",
             ) from error
+
+
+# What a child process does with a network before this one does: read it, and run it once on nothing.
+_TRIAL = """
+import sys
+import cv2
+import numpy as np
+try:
+    net = cv2.dnn.readNetFromONNX(sys.argv[1])
+    net.setInput(np.zeros((1, 3, int(sys.argv[3]), int(sys.argv[2])), np.float32))
+    net.forward()
+except cv2.error:
+    pass  # the parent meets the same error, and says more about it
+"""
+
+
+@lru_cache(maxsize=16)
+def _check_by_trial(path: Path, width: int, height: int, size: int, modified_ns: int) -> None:
+    """Raise `BadInput` for a network that crashes or hangs OpenCV, which some malformed ones do.
+
+    Tried once for each state of a file (``size``, ``modified_ns``) and input size.
+    """
+    command = [sys.executable, "-I", "-c", _TRIAL, str(path.absolute()), str(width), str(height)]
+    try:
+        code = subprocess.run(command, capture_output=True, timeout=TRIAL_S, check=False).returncode
+    except subprocess.TimeoutExpired as error:
+        raise BadInput(
+            f"network '{path}' is not done with one image after {TRIAL_S} s", "a network that ends", "use another"
+        ) from error
+    if code < 0:
+        raise BadInput(
+            f"network '{path}' crashes OpenCV {cv2.__version__} (signal {-code})",
+            "a sound ONNX file",
+            "export the network again; do not use a file of unknown origin",
+        )
 
 
 def _parse_size(text: str) -> tuple[int, int]:

@@ -70,7 +70,7 @@ def test_the_affine_map_of_scenes_json_comes_first(tmp_path: Path) -> None:
     rebuild_depth(root, "car", tmp_path / "out")
     stored = cv2.imread(str(tmp_path / "out" / "car.png"), cv2.IMREAD_UNCHANGED)
     assert np.median(stored) == pytest.approx(20000, rel=0.01)
-    for broken, said in (('{"car": {"depth_affine": [1]}}', "no depth_affine"), ("[", "not scenes.json")):
+    for broken, said in (('{"car": {"depth_affine": [1]}}', "no depth_affine"), ("[", "scenes.json is not JSON")):
         facts.write_text(broken)
         with pytest.raises(BadInput, match=said):
             rebuild_depth(root, "car", tmp_path / "out2")
