@@ -33,16 +33,10 @@ def write_json(path: Path, document: Any) -> None:
 
 def read_json(path: Path) -> dict[str, Any]:
     """Read a JSON object; raises `BadInput`, naming the file, for anything else."""
-    try:
-        document = json.loads(path.read_text())
-        if not isinstance(document, dict):
-            raise ValueError("not a JSON object")
-    except ValueError as error:
-        raise BadInput(
-            f"{path} cannot be read ({error})",
-            "the JSON object that bench run wrote",
-            "delete the file and run again, or choose another --out",
-        ) from error
+    allowed, fix = "the JSON object that bench run wrote", "delete the file and run again, or choose another --out"
+    document = read_json_file(path, allowed, fix)
+    if not isinstance(document, dict):
+        raise BadInput(f"{path} holds a {type(document).__name__}", allowed, fix)
     return document
 
 
