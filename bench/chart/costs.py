@@ -9,7 +9,7 @@ from __future__ import annotations
 from bench.measured import NOT_APPLICABLE, Column, Value
 from bench.record import CellRecord
 
-__all__ = ["CHART_COSTS", "cost_value", "published_here"]
+__all__ = ["CHART_COSTS", "COST_WORDS", "cost_value", "published_here"]
 
 SECONDS = Column("seconds", "Seconds a scene", 1, False)
 MS_PER_FRAME = Column("render_ms_per_frame", "Milliseconds a frame", 1, False)
@@ -18,6 +18,13 @@ BYTES = Column("bytes", "Model [MB]", 2, False)
 
 CHART_COSTS = (SECONDS, MS_PER_FRAME, MEMORY, BYTES)
 """The x axes. "bytes" is in 1e6 bytes, as "memory" is."""
+
+COST_WORDS = {
+    "seconds": "seconds a scene",
+    "render_ms_per_frame": "milliseconds a frame",
+    "memory": "memory added at the peak",
+    "bytes": "size of the model",
+}
 
 _ELSEWHERE = "elsewhere, which is not timed"  # what adapters of finished scenes note
 _READ = "frames were read, not computed here"

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
 from bench.chart.labels import Box, place_labels
@@ -49,7 +50,7 @@ def draw_chart(panels: Sequence[Panel], title: str) -> Figure:
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    columns = min(3, len(panels))
+    columns = 2 if len(panels) == 4 else min(3, len(panels))
     rows = math.ceil(len(panels) / columns)
     figure = Figure(figsize=(5.3 * columns, 4.3 * rows + 0.9), dpi=_DPI, layout="constrained")
     canvas = FigureCanvasAgg(figure)
@@ -175,9 +176,14 @@ def _legend(figure: Figure, panels: Sequence[Panel], title: str) -> None:
 
 def _name_points(drawn: _Drawn, renderer: Any) -> None:
     """Put the names, and lines to those that had to stand away from their points."""
+    from matplotlib.patheffects import AbstractPathEffect, withStroke
+
     panel, axis = drawn.panel, drawn.axis
+    halo: list[AbstractPathEffect] = [
+        withStroke(linewidth=2.2, foreground="white", alpha=0.85)
+    ]  # a line behind a name stays legible
     texts = [
-        axis.text(0, 0, short_name(p.method), fontsize=7.6, color=_dark(_LOOKS[family_of(p)][0]), zorder=6)
+        axis.text(0, 0, short_name(p.method), fontsize=7.8, color=_dark(_LOOKS[family_of(p)][0]), zorder=6)
         for p in panel.points
     ]
     strip = _strip_caption(panel, axis)
@@ -188,15 +194,34 @@ def _name_points(drawn: _Drawn, renderer: Any) -> None:
     obstacles = [] if strip is None else [_box(strip.get_window_extent(renderer))]
     reach = 9.0 * _DPI / 100
     centres = [(p[0], p[1]) for p in pixels]
-    placed = place_labels(centres, [(b.width, b.height) for b in boxes], bounds, obstacles, reach)
+    lines = _line_boxes(panel, drawn.places, axis)
+    placed = place_labels(centres, [(b.width, b.height) for b in boxes], bounds, obstacles, lines, reach)
     back = axis.transData.inverted()
     for text, box, point, family in zip(texts, placed, centres, map(family_of, panel.points), strict=True):
         text.set_position(tuple(back.transform((box[0], box[1]))))
         text.set_verticalalignment("bottom")
+        text.set_path_effects(halo)
         near = (min(max(point[0], box[0]), box[2]), min(max(point[1], box[1]), box[3]))
-        if math.hypot(near[0] - point[0], near[1] - point[1]) > 1.9 * reach:
+        if math.hypot(near[0] - point[0], near[1] - point[1]) > 1.35 * reach:
             ends = back.transform([point, near])
             axis.plot(ends[:, 0], ends[:, 1], color=_LOOKS[family][0], linewidth=0.6, alpha=0.7, zorder=3)
+
+
+def _line_boxes(panel: Panel, places: Sequence[tuple[float, float]], axis: Axes) -> list[Box]:
+    """Error bars, the front and the levels of what has no cost, as thin boxes in pixels."""
+    spans: list[tuple[float, float, float, float]] = []
+    low, high, _ = _limits(panel)
+    for point, (x, y) in zip(panel.points, places, strict=True):
+        spans.append((x, point.quality.low, x, point.quality.high))
+        spans.append((low, y, high, y) if point.cost is None else (point.cost.low, y, point.cost.high, y))
+    front = [(p.cost.mean, p.quality.mean) for p in panel.front if p.cost is not None]
+    for (x, y), (next_x, next_y) in pairwise(front):
+        spans += [(x, y, next_x, y), (next_x, y, next_x, next_y)]
+    boxes = []
+    for left, bottom, right, top in spans:
+        (x0, y0), (x1, y1) = axis.transData.transform([(max(left, low), bottom), (max(right, low), top)])
+        boxes.append((min(x0, x1) - 1.0, min(y0, y1) - 1.0, max(x0, x1) + 1.0, max(y0, y1) + 1.0))
+    return boxes
 
 
 def _strip_caption(panel: Panel, axis: Axes) -> Any:

@@ -7,6 +7,7 @@ import io
 from pathlib import Path
 from typing import Any
 
+from bench.chart.costs import COST_WORDS
 from bench.chart.panels import Chart, Panel, Stat
 from bench.chart.words import panel_words
 from bench.store import write_atomic
@@ -40,7 +41,7 @@ def write_charts(chart: Chart, folder: Path) -> list[Path]:
     written = []
     for key in dict.fromkeys(panel.cost.key for panel in chart.panels):
         panels = chart.of_cost(key)
-        written += _draw(panels, f"{chart.dataset}: quality against {panels[0].cost.title.lower()}", folder, key)
+        written += _draw(panels, f"{chart.dataset}: quality against {COST_WORDS[key]}", folder, key)
     for name, text in (("chart.csv", _csv(chart)), ("chart.md", _markdown(chart))):
         write_atomic(folder / name, text.encode())
         written.append(folder / name)
@@ -123,7 +124,7 @@ def _markdown(chart: Chart) -> str:
     parts = [f"# {chart.dataset}: quality against cost"]
     for key in titles:
         panels = chart.of_cost(key)
-        parts += [f"## {panels[0].cost.title}", *(f"- {panel_words(panel)}" for panel in panels)]
+        parts += [f"## {panels[0].cost.title}", f"![](chart-{key}.png)", *(f"- {panel_words(p)}" for p in panels)]
     if chart.notes:
         parts += ["## Notes", *(f"- {note}" for note in chart.notes)]
     return "\n\n".join(parts) + "\n"

@@ -27,18 +27,20 @@ def place_labels(
     sizes: Sequence[tuple[float, float]],
     bounds: Box,
     obstacles: Sequence[Box] = (),
+    lines: Sequence[Box] = (),
     reach: float = 9.0,
 ) -> list[Box]:
     """A box for each label near its point.
 
-    Points in the densest company are served first. Each takes the first free place, nearest rings first; where none
-    is free, the one that covers least.
+    Points in the densest company are served first. Each takes the first place that covers no other name, marker or
+    obstacle and as little as can be had of lines, nearest rings first.
 
     Args:
         points: centres of the markers.
         sizes: width and height of each label.
         bounds: what no label may leave.
         obstacles: what is already there; the markers are added.
+        lines: thin boxes of lines, which a name may cross if it must.
         reach: distance of the first ring from a point's centre.
     """
     markers = [(x - reach / 2, y - reach / 2, x + reach / 2, y + reach / 2) for x, y in points]
@@ -47,10 +49,15 @@ def place_labels(
         others = [box for j, box in enumerate(markers) if j != i]
         taken = [*placed.values(), *others, *obstacles]
         candidates = [box for box in _candidates(points[i], sizes[i], reach) if _inside(box, bounds)]
-        costs = ((sum(overlap(_grown(box), other) for other in taken), k) for k, box in enumerate(candidates))
-        free = min(costs, default=(0.0, -1))
-        placed[i] = candidates[free[1]] if free[1] >= 0 else _clamped(points[i], sizes[i], bounds)
+        ranked = [(*_covered(box, taken, lines), k) for k, box in enumerate(candidates)]
+        placed[i] = candidates[min(ranked)[-1]] if ranked else _clamped(points[i], sizes[i], bounds)
     return [placed[i] for i in range(len(points))]
+
+
+def _covered(box: Box, taken: Sequence[Box], lines: Sequence[Box]) -> tuple[float, float]:
+    """Area that a name would take from what must be free, and from lines."""
+    grown = _grown(box)
+    return sum(overlap(grown, other) for other in taken), sum(overlap(grown, line) for line in lines)
 
 
 def _company(points: Sequence[tuple[float, float]], i: int) -> float:

@@ -125,18 +125,19 @@ def build_chart(
     """
     chosen = run.columns if qualities is None else qualities
     panels: list[Panel] = []
-    notes: list[str] = []
+    missing: dict[str, list[str]] = {}  # reason -> what has no panel because of it
     for quality in (column for column in chosen if column.higher_is_better is not None):
         scored = _scored(run, quality)
         if isinstance(scored, str):
-            notes.append(f"{quality.title}: {scored}")
+            missing.setdefault(scored, []).append(quality.title)
             continue
         for cost in costs:
             panel = _with_cost(run, scored, cost)
             if any(point.cost is not None for point in panel.points):
                 panels.append(panel)
             else:
-                notes.append(f"{quality.title} against {cost.title}: {panel.points[0].why_no_cost}")
+                missing.setdefault(panel.points[0].why_no_cost, []).append(f"{quality.title} against {cost.title}")
+    notes = [f"No panel of {', '.join(what)}: {reason}." for reason, what in missing.items()]
     order = {cost.key: k for k, cost in enumerate(costs)}
     panels.sort(key=lambda panel: order[panel.cost.key])
     return Chart(run.dataset, tuple(panels), (*notes, *run.caption))

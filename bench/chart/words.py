@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from bench.chart.costs import COST_WORDS
 from bench.chart.panels import Chart, ChartPoint, Panel, Stat
 from bench.measured import Column
 from bench.stats import paired_test
@@ -12,16 +13,21 @@ _UNITS = {"seconds": "s", "render_ms_per_frame": "ms", "memory": "MB", "bytes": 
 
 
 def chart_words(chart: Chart) -> list[str]:
-    """One paragraph a panel, then the notes."""
-    return [*(panel_words(panel) for panel in chart.panels), *chart.notes]
+    """A heading a cost, a paragraph a panel, then the notes."""
+    lines: list[str] = []
+    for key in dict.fromkeys(panel.cost.key for panel in chart.panels):
+        lines += [
+            f"Quality against {COST_WORDS[key]}",
+            *(f"  {panel_words(panel)}" for panel in chart.of_cost(key)),
+            "",
+        ]
+    return [*lines, *chart.notes]
 
 
 def panel_words(panel: Panel) -> str:
     """The front from the cheapest on, each step with its gain over the one before and that gain's 95 % interval."""
     better = "higher" if panel.quality.higher_is_better else "lower"
-    sentences = [
-        f"{panel.quality.title} ({better} is better) against {panel.cost.title.lower()}, {panel.over}: {_front(panel)}."
-    ]
+    sentences = [f"{panel.quality.title}, {better} is better, {panel.over}: {_front(panel)}."]
     beaten = [p.method for p in panel.points if p.cost is not None and not p.on_front]
     if beaten:
         sentences.append(f"Beaten on both: {', '.join(beaten)}.")
@@ -50,12 +56,12 @@ def _front(panel: Panel) -> str:
 
 
 def _gain(panel: Panel, before: ChartPoint, point: ChartPoint) -> str:
-    """ "+1.20 [0.80, 1.61]"; what does not hold over the scenes is called so."""
+    """ "+1.20 [0.80, 1.61]"; what zero is in the interval of is told so."""
     digits = panel.quality.decimals
     test = paired_test(before.quality.values, point.quality.values)
     if test.low is None or test.high is None:
         return f"{test.difference:+.{digits}f}"
-    holds = "" if test.beyond_interval else ", no difference over these scenes"
+    holds = "" if test.beyond_interval else ", which may be chance"
     return f"{test.difference:+.{digits}f} [{test.low:+.{digits}f}, {test.high:+.{digits}f}]{holds}"
 
 
