@@ -31,13 +31,14 @@ __all__ = ["default_methods", "run_command"]
 _ONLY_BY_DEFAULT = {
     "realmdreamer": ("vistadream", "vistadream-coarse"),
     "synthetic": ("orca-norepair", "orca-plainfill", "warp-nearest"),
+    "synthetic-unseen": ("orca-norepair", "orca-plainfill", "warp-nearest"),
 }
 
 
 def default_methods(dataset: str) -> tuple[str, ...]:
     """The methods that make sense for a data set."""
-    tied = {name: data for data, names in _ONLY_BY_DEFAULT.items() for name in names}
-    return tuple(name for name in METHODS if tied.get(name, dataset) == dataset)
+    tied, here = set().union(*_ONLY_BY_DEFAULT.values()), _ONLY_BY_DEFAULT.get(dataset, ())
+    return tuple(name for name in METHODS if name not in tied or name in here)
 
 
 def run_command(args: argparse.Namespace) -> Outcome:

@@ -155,33 +155,17 @@ def render_depth(surfaces: Surfaces, camera: Camera) -> Float32Array:
 
 
 def render_colour(surfaces: Surfaces, camera: Camera, samples: int = 2) -> UInt8Array:
-    """Colours, the mean of ``samples`` x ``samples`` rays a pixel, [H, W, 3] uint8.
-
-    Where all pixels around one show the same surface, its rays are cast at that surface alone.
-    """
-    shape = (camera.height, camera.width)
-    _, first = _cast(surfaces, camera.center, camera.rays())
-    same = _uniform(first.reshape(shape)).ravel()
-    total = np.zeros((len(first), 3))
+    """Colours, the mean of ``samples`` x ``samples`` rays a pixel, [H, W, 3] uint8."""
+    total = np.zeros((camera.height * camera.width, 3))
     centres = pixel_grid(camera.width, camera.height)
     for k in range(samples**2):
         offset = (np.array([k % samples, k // samples]) + 0.5) / samples - 0.5
         rays = camera.rays(centres + offset)
-        seen = first.copy()
-        seen[~same] = _cast(surfaces, camera.center, rays[~same])[1]
+        t, seen = _cast(surfaces, camera.center, rays)
         for index, surface in enumerate(surfaces):
-            mine = np.flatnonzero(seen == index)
-            t = surface.hit(camera.center, rays[mine])
-            mine, t = mine[np.isfinite(t)], t[np.isfinite(t)]
-            total[mine] += surface.colours(camera.center + t[:, None] * rays[mine])
-    return to_uint8((total / samples**2).reshape(*shape, 3).astype(np.float32))
-
-
-def _uniform(index: NDArray[np.intp]) -> NDArray[np.bool_]:
-    """Pixels whose 3x3 neighbourhood holds one value, [H, W]."""
-    padded = np.pad(index, 1, mode="edge")
-    windows = np.lib.stride_tricks.sliding_window_view(padded, (3, 3))
-    return np.asarray((windows == index[..., None, None]).all((2, 3)))
+            mine = np.flatnonzero((seen == index) & np.isfinite(t))
+            total[mine] += surface.colours(camera.center + t[mine, None] * rays[mine])
+    return to_uint8((total / samples**2).reshape(camera.height, camera.width, 3).astype(np.float32))
 
 
 def hidden_from(surfaces: Surfaces, source: Camera, view: Camera) -> Hidden:

@@ -127,12 +127,19 @@ def test_textures_are_colours_and_vary(kind: str) -> None:
     np.testing.assert_array_equal(colours, texture.colours(u, v))
 
 
-@pytest.mark.xfail(strict=True, reason="known: single pixels at thin edges differ, supersampling overlooks them")
 def test_supersampling_agrees_with_casting_every_ray() -> None:
     scene, camera = random_scene(1, UNPREDICTABLE), Camera.from_fov(48, 48, 60)
     fine = render_colour(scene, camera.resized(96, 96), samples=1).astype(np.float64)
     mean = fine.reshape(48, 2, 48, 2, 3).mean((1, 3))
     assert np.abs(render_colour(scene, camera, samples=2) - mean).max() <= 1.0
+
+
+def test_unseen_scenes_are_other_scenes_of_the_same_kind() -> None:
+    unseen = open_dataset("synthetic-unseen")
+    assert unseen.scenes()[0] == "predictable-100"
+    assert len(unseen.scenes()) == len(Synthetic().scenes())
+    assert not set(unseen.scenes()) & set(Synthetic().scenes())
+    assert unseen.load("predictable-103").dataset == "synthetic-unseen"
 
 
 def test_bad_requests() -> None:
