@@ -4,11 +4,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass, fields, replace
 from enum import IntEnum
+from functools import lru_cache
 
+import numpy as np
 import torch
 from torch import Tensor
 from torch.nn import functional as F
 
+from orca.conventions import Float64Array
 from orca.errors import BadInput
 
 __all__ = ["FEATURE_DIM", "GaussianAnchors", "Stage", "quaternions_to_rotations", "rotations_to_quaternions"]
@@ -26,13 +29,32 @@ class Stage(IntEnum):
 
 def quaternions_to_rotations(quaternions: Tensor) -> Tensor:
     """Rotation matrices [N, 3, 3] of wxyz quaternions [N, 4], which are normalised first."""
-    w, x, y, z = F.normalize(quaternions, dim=-1).unbind(-1)
-    rows = [
-        torch.stack([1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)], -1),
-        torch.stack([2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)], -1),
-        torch.stack([2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)], -1),
+    unit = F.normalize(quaternions, dim=-1)
+    products = (unit[:, :, None] * unit[:, None, :]).flatten(1)  # one matrix product instead of forty small ones
+    identity = torch.eye(3, dtype=unit.dtype, device=unit.device)
+    return (products @ torch.from_numpy(_rotation_of_products()).to(unit)).view(-1, 3, 3) + identity
+
+
+@lru_cache(maxsize=1)
+def _rotation_of_products() -> Float64Array:
+    """What the products q_i q_j of a unit quaternion wxyz add to the identity, [16, 9]."""
+    w, x, y, z = range(4)
+    entries = [
+        [(-2, y, y), (-2, z, z)],
+        [(2, x, y), (-2, w, z)],
+        [(2, x, z), (2, w, y)],
+        [(2, x, y), (2, w, z)],
+        [(-2, x, x), (-2, z, z)],
+        [(2, y, z), (-2, w, x)],
+        [(2, x, z), (-2, w, y)],
+        [(2, y, z), (2, w, x)],
+        [(-2, x, x), (-2, y, y)],
     ]
-    return torch.stack(rows, -2)
+    table = np.zeros((16, 9))
+    for column, terms in enumerate(entries):
+        for factor, i, j in terms:
+            table[4 * i + j, column] += factor
+    return table
 
 
 def rotations_to_quaternions(rotations: Tensor) -> Tensor:

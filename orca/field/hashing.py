@@ -57,17 +57,16 @@ class HashEncoding(nn.Module):
         # Only rows that some anchor reads are stored: the others can never receive a gradient.
         all_rows = torch.stack(rows, 1)
         touched, compact = torch.unique(all_rows, return_inverse=True)
-        self.register_buffer("rows", compact.reshape(all_rows.shape))  # [N, levels, 4]
+        self.register_buffer("rows", compact.reshape(all_rows.shape).int())  # [N, levels, 4]
         self.register_buffer("weights", torch.stack(weights, 1))  # [N, levels, 4]
         start = (torch.rand(len(touched), FEATURE_DIM // config.levels, generator=generator) * 2 - 1) * config.initial
         self.table = nn.Parameter(start)
 
     def forward(self, index: Tensor | None = None) -> Tensor:
         """Features of all anchors, or of some, [N, 32]: per level, the bilinear mean of four table rows."""
-        rows = self.rows if index is None else self.rows.index_select(0, index)
-        weights = self.weights if index is None else self.weights.index_select(0, index)
         if self.table.device.type == "cpu" and self.table.dtype == torch.float32:
-            features: Tensor = _Interpolate.apply(self.table, rows, weights)
+            chosen = torch.arange(len(self.rows)) if index is None else index
+            features: Tensor = _Interpolate.apply(self.table, self.rows, self.weights, chosen)
             return features
         return self.formula(index)
 
@@ -75,7 +74,7 @@ class HashEncoding(nn.Module):
         """The same in plain torch operations: what the compiled look-up is held to, and the path of other devices."""
         rows = self.rows if index is None else self.rows.index_select(0, index)
         weights = self.weights if index is None else self.weights.index_select(0, index)
-        looked_up = self.table.index_select(0, rows.flatten()).view(*rows.shape, -1)  # [N, levels, 4, 2]
+        looked_up = self.table.index_select(0, rows.flatten().long()).view(*rows.shape, -1)  # [N, levels, 4, 2]
         return (looked_up * weights[..., None]).sum(2).flatten(1)
 
 
@@ -83,43 +82,53 @@ class _Interpolate(torch.autograd.Function):
     """The bilinear means of table rows, compiled: eager autograd moves ten times the memory."""
 
     @staticmethod
-    def forward(ctx: FunctionCtx, table: Tensor, rows: Tensor, weights: Tensor) -> Tensor:
-        ctx.save_for_backward(rows, weights)
+    def forward(ctx: FunctionCtx, table: Tensor, rows: Tensor, weights: Tensor, index: Tensor) -> Tensor:
+        ctx.save_for_backward(rows, weights, index)
         ctx.size = table.shape  # type: ignore[attr-defined]
-        return torch.from_numpy(_interpolate(table.detach().numpy(), rows.numpy(), weights.numpy()))
+        return torch.from_numpy(_interpolate(table.detach().numpy(), rows.numpy(), weights.numpy(), index.numpy()))
 
     @staticmethod
-    def backward(ctx: FunctionCtx, grad: Tensor) -> tuple[Tensor, None, None]:
-        rows, weights = ctx.saved_tensors  # type: ignore[attr-defined]
+    def backward(ctx: FunctionCtx, grad: Tensor) -> tuple[Tensor, None, None, None]:
+        rows, weights, index = ctx.saved_tensors  # type: ignore[attr-defined]
         out = torch.zeros(ctx.size)  # type: ignore[attr-defined]
-        _spread(grad.contiguous().numpy(), rows.numpy(), weights.numpy(), out.numpy())
-        return out, None, None
+        _spread(grad.contiguous().numpy(), rows.numpy(), weights.numpy(), index.numpy(), out.numpy())
+        return out, None, None, None
 
 
 @kernel(error_model="numpy")
-def _interpolate(table: Float32Array, rows: NDArray[np.int64], weights: Float32Array) -> Float32Array:
-    """Features [N, levels * C] of table rows [N, levels, 4]."""
-    n, levels, corners = rows.shape
-    width = table.shape[1]
-    out = np.zeros((n, levels * width), np.float32)
-    for i in numba.prange(n):
+def _interpolate(
+    table: Float32Array, rows: NDArray[np.int32], weights: Float32Array, index: NDArray[np.int64]
+) -> Float32Array:
+    """Features [n, levels * C] of the anchors ``index`` [n], from table rows [N, levels, 4]."""
+    levels, corners, width = rows.shape[1], rows.shape[2], table.shape[1]
+    out = np.empty((len(index), levels * width), np.float32)
+    for j in numba.prange(len(index)):
+        i = index[j]
         for level in range(levels):
-            for k in range(corners):
-                for c in range(width):
-                    out[i, level * width + c] += weights[i, level, k] * table[rows[i, level, k], c]
+            for c in range(width):
+                total = np.float32(0)
+                for k in range(corners):
+                    total += weights[i, level, k] * table[rows[i, level, k], c]
+                out[j, level * width + c] = total
     return out
 
 
 @kernel(error_model="numpy")
-def _spread(grad: Float32Array, rows: NDArray[np.int64], weights: Float32Array, out: Float32Array) -> None:
+def _spread(
+    grad: Float32Array,
+    rows: NDArray[np.int32],
+    weights: Float32Array,
+    index: NDArray[np.int64],
+    out: Float32Array,
+) -> None:
     """The transpose of `_interpolate`, added to ``out``. Levels share no row, so each is one core's own."""
-    n, levels, corners = rows.shape
-    width = out.shape[1]
+    levels, corners, width = rows.shape[1], rows.shape[2], out.shape[1]
     for level in numba.prange(levels):
-        for i in range(n):
+        for j in range(len(index)):
+            i = index[j]
             for k in range(corners):
                 for c in range(width):
-                    out[rows[i, level, k], c] += weights[i, level, k] * grad[i, level * width + c]
+                    out[rows[i, level, k], c] += weights[i, level, k] * grad[j, level * width + c]
 
 
 def _corners(rest: Tensor, resolution: int, size: int) -> tuple[Tensor, Tensor]:

@@ -161,12 +161,14 @@ def train(
 @contextmanager
 def _repeatable(device: torch.device) -> Iterator[None]:
     """Gradients that do not depend on the order in which threads add them, on the CPU; elsewhere they may."""
-    before = torch.are_deterministic_algorithms_enabled()
+    before, filled = torch.are_deterministic_algorithms_enabled(), torch.utils.deterministic.fill_uninitialized_memory
     torch.use_deterministic_algorithms(before or device.type == "cpu")
+    torch.utils.deterministic.fill_uninitialized_memory = filled and before  # nothing here reads such memory
     try:
         yield
     finally:
         torch.use_deterministic_algorithms(before)
+        torch.utils.deterministic.fill_uninitialized_memory = filled
 
 
 def _hit_lists(
