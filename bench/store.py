@@ -15,6 +15,7 @@ from bench.record import READABLE, SCHEMA_VERSION, CellRecord, jsonable
 from bench.trajectories.trajectory import Trajectory
 from orca.atomic import atomic_path, output_folder
 from orca.errors import BadInput, CannotWrite
+from orca.json_file import read_json_file
 
 __all__ = ["RunStore", "read_json", "write_atomic", "write_json"]
 
