@@ -19,6 +19,7 @@ from bench.executors.executor import Resources
 from bench.executors.memory import available_gib, resident_gib
 from bench.executors.worker import serve
 from bench.scenework import SceneWork
+from orca.errors import Unavailable
 
 __all__ = ["Crew", "Message", "fits", "gpus_of", "visible_gpus"]
 
@@ -37,6 +38,7 @@ class _Worker:
     process: SpawnProcess
     line: Connection
     scene: str | None = None
+    ready: bool = False
 
     @property
     def resident(self) -> float:
@@ -84,7 +86,7 @@ class Crew:
     def heard(self) -> Iterator[Message]:
         """What the workers said, waiting for it for a while: (kind, content) as `bench.executors.worker.serve` says.
 
-        A worker that is gone gives ("lost", (scene, why)).
+        A worker that is gone gives ("lost", (scene, why)); one that did not even start, ("error", Unavailable).
         """
         lines = {worker.line: worker for worker in self._workers}
         for line in connections.wait(list(lines), timeout=_LOOK_AGAIN_S):
@@ -93,6 +95,9 @@ class Crew:
                 message: Message = worker.line.recv()
             except (EOFError, *_GONE):
                 yield from self._lost(worker)
+                continue
+            if message[0] == "ready":
+                worker.ready = True
                 continue
             if message[0] == "done":
                 worker.scene = None
@@ -126,8 +131,12 @@ class Crew:
         self._workers.remove(worker)
         worker.line.close()
         worker.process.join()
-        if worker.scene is not None:
-            yield "lost", (worker.scene, _ending(worker.process.exitcode))
+        ending = _ending(worker.process.exitcode)
+        if not worker.ready and (worker.process.exitcode or 0) > 0:
+            given = f"a worker did not start: {ending}"
+            yield "error", Unavailable(given, "a process that imports this code", "see what it wrote to stderr")
+        elif worker.scene is not None:
+            yield "lost", (worker.scene, ending)
 
     def _start(self) -> _Worker:
         number = next(n for n in range(self._size) if all(n != worker.number for worker in self._workers))

@@ -15,9 +15,9 @@ from typing import Any
 
 from bench.executors.executor import Resources
 from bench.executors.losses import Losses
-from bench.executors.remote import tell
+from bench.executors.remote import finish_with, not_started, tell
 from bench.progress import Reporter
-from bench.scenework import SceneOutcome, SceneWork, finish_scene, opened
+from bench.scenework import SceneOutcome, SceneWork, opened
 from orca.errors import BadInput, Unavailable
 
 __all__ = ["RayCluster"]
@@ -55,13 +55,12 @@ class RayCluster:
             while waiting or running:
                 while waiting and len(running) < (self.jobs or _WAITING):
                     scene, again = waiting.popleft()
-                    running[task.remote(shared, scene, again)] = scene
+                    running[task.remote(self._cores, shared, scene, again)] = scene
                 for done in ray.wait(list(running), num_returns=1, timeout=None)[0]:
                     scene = running.pop(done)
-                    try:
-                        outcome = ray.get(done)
-                    except ray.exceptions.RayError as error:
-                        losses.again(scene, " ".join(str(error).split())[:200])
+                    outcome = _result(ray, done)
+                    if isinstance(outcome, str):
+                        losses.again(scene, outcome)
                         waiting.appendleft((scene, True))
                         continue
                     yield from tell(outcome, cells, reporter)
@@ -73,7 +72,7 @@ class RayCluster:
             num_gpus=self.resources.gpus,
             memory=int(self.resources.memory_gib * 2**30),
             max_retries=0,
-        )(_finish)
+        )(finish_with)
 
     @property
     def _cores(self) -> int:
@@ -95,15 +94,16 @@ class RayCluster:
             )
 
 
-def _finish(work: SceneWork, scene: str, again: bool) -> SceneOutcome | Exception:
-    """In a worker of Ray: with the threads that it was given, which numba does not learn by itself."""
-    import os
-
-    os.environ.setdefault("NUMBA_NUM_THREADS", os.environ.get("OMP_NUM_THREADS", "1"))
-    import cv2
-
-    cv2.setNumThreads(int(os.environ.get("OMP_NUM_THREADS", "1")))
-    return finish_scene(work, scene, again)
+def _result(ray: ModuleType, done: Any) -> SceneOutcome | Exception | str:
+    """What the task returned, or in words why its process is gone."""
+    errors = ray.exceptions
+    try:
+        result: SceneOutcome | Exception = ray.get(done)
+    except (errors.WorkerCrashedError, errors.OutOfMemoryError, errors.NodeDiedError, errors.ObjectLostError) as error:
+        return " ".join(str(error).split())[:200]
+    except errors.RayError as error:
+        return not_started(error)
+    return result
 
 
 def _ray() -> ModuleType:

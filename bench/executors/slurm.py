@@ -6,7 +6,7 @@ Every machine must see the same files: code, data, and the folder of the run. Sc
 
 from __future__ import annotations
 
-import os
+import math
 import time
 from collections import deque
 from collections.abc import Iterator, Sequence
@@ -15,17 +15,19 @@ from typing import Any
 
 from bench.executors.executor import Resources
 from bench.executors.losses import Losses
-from bench.executors.remote import tell
+from bench.executors.remote import finish_with, not_started, tell
+from bench.host import usable_cores
 from bench.progress import Reporter
-from bench.scenework import SceneOutcome, SceneWork, finish_scene, opened
+from bench.scenework import SceneOutcome, SceneWork, opened
 from orca.atomic import output_folder
-from orca.errors import BadInput, OrcaError, Unavailable
+from orca.errors import BadInput, Unavailable
 
 __all__ = ["Slurm", "parse_options"]
 
 _ARRAY = 1000  # jobs of one array: SLURM's default MaxArraySize is 1001
+_MINUTES = 240  # submitit's own limit is 5
 _LOOK_S = {"local": 0.2, "slurm": 10.0}  # how often jobs are asked after
-_HERE = "cluster"
+_WHERE = "cluster"
 
 
 def parse_options(given: Sequence[str] | None) -> dict[str, str | int]:
@@ -60,16 +62,18 @@ class Slurm:
             Unavailable: submitit or SLURM is not here.
             BadInput: an option that submitit does not know.
         """
-        cluster = str(self.options.get(_HERE, "slurm"))
+        cluster = str(self.options.get(_WHERE, "slurm"))
         executor = self._executor(work, cluster)
         losses, cells = Losses(work, reporter), len(opened(work).adapters)
         waiting = deque((scene, False) for scene in scenes)
         running: dict[Any, str] = {}
+        most = min(_ARRAY, self.jobs or usable_cores()) if cluster == "local" else _ARRAY
         try:
             while waiting or running:
-                room = min(_ARRAY, self.jobs or _ARRAY) - len(running)
-                if waiting and room > 0:
-                    running |= _submitted(executor, work, [waiting.popleft() for _ in range(min(room, len(waiting)))])
+                room = most - len(running)
+                if waiting and room >= min(len(waiting), most // 2 or 1):  # few arrays, none empty
+                    batch = [waiting.popleft() for _ in range(min(room, len(waiting)))]
+                    running |= self._submitted(executor, work, batch)
                 for job in [job for job in running if job.done()]:
                     scene = running.pop(job)
                     outcome = _result(job)
@@ -89,53 +93,46 @@ class Slurm:
         except ImportError as error:
             raise Unavailable("submitit is not installed", "pip install 'orca-nvs[cluster]'", "install it") from error
         folder = output_folder(work.request.out / "slurm").absolute()
-        given: dict[str, Any] = {key: value for key, value in self.options.items() if key != _HERE}
-        if cluster == "slurm" and self.jobs is not None:
-            given.setdefault("slurm_array_parallelism", self.jobs)
-        cores = self.resources.cores or 1
+        parameters: dict[str, Any] = {
+            "name": "bench",
+            "cpus_per_task": self._cores,
+            "mem_gb": self.resources.memory_gib,
+            "gpus_per_node": math.ceil(self.resources.gpus),
+            "timeout_min": _MINUTES,
+            "slurm_array_parallelism": self.jobs or _ARRAY,
+            **{key: value for key, value in self.options.items() if key != _WHERE},
+        }
         try:
             executor = submitit.AutoExecutor(folder, cluster=cluster)
-            executor.update_parameters(
-                name="bench",
-                cpus_per_task=cores,
-                mem_gb=self.resources.memory_gib,
-                gpus_per_node=int(-(-self.resources.gpus // 1)),
-                **given,
-            )
+            executor.update_parameters(**parameters)
         except (RuntimeError, ValueError) as error:
             raise Unavailable(
                 f"no cluster '{cluster}' ({error})", "slurm where sbatch is found, or local", "--slurm cluster=local"
             ) from error
-        except (NameError, TypeError) as error:
-            raise BadInput(
-                f"--slurm: {error}", "what submitit's AutoExecutor takes", "see its documentation"
-            ) from error
+        except (NameError, AssertionError) as error:
+            words = " ".join(str(error).split())
+            raise BadInput(f"--slurm: {words}", "what submitit takes", "see its documentation") from error
         return executor
 
+    @property
+    def _cores(self) -> int:
+        return self.resources.cores or 1
 
-def _submitted(executor: Any, work: SceneWork, tasks: Sequence[tuple[str, bool]]) -> dict[Any, str]:
-    """One array of jobs; each is told of one scene."""
-    names, again = [scene for scene, _ in tasks], [flag for _, flag in tasks]
-    cores = int(executor.parameters.get("cpus_per_task", 1)) if hasattr(executor, "parameters") else 1
-    jobs = executor.map_array(_finish, [work] * len(tasks), names, again, [cores] * len(tasks))
-    return dict(zip(jobs, names, strict=True))
-
-
-def _finish(work: SceneWork, scene: str, again: bool, cores: int) -> SceneOutcome | Exception:
-    """In a job: with the threads that it was given, told before anything that makes threads is imported."""
-    for name in ("OMP_NUM_THREADS", "NUMBA_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
-        os.environ.setdefault(name, str(cores))
-    return finish_scene(work, scene, again)
+    def _submitted(self, executor: Any, work: SceneWork, tasks: Sequence[tuple[str, bool]]) -> dict[Any, str]:
+        """One array of jobs; each is told of one scene."""
+        n, names = len(tasks), [scene for scene, _ in tasks]
+        jobs = executor.map_array(finish_with, [self._cores] * n, [work] * n, names, [again for _, again in tasks])
+        return dict(zip(jobs, names, strict=True))
 
 
 def _result(job: Any) -> SceneOutcome | Exception | str:
-    """What the task returned, or in words why it returned nothing."""
+    """What the task returned, or in words why its process is gone."""
     from submitit.core.utils import FailedJobError, UncompletedJobError
 
     try:
         result: SceneOutcome | Exception = job.result()
-    except (FailedJobError, UncompletedJobError) as error:
+    except FailedJobError as error:
+        return not_started(error)
+    except UncompletedJobError as error:
         return " ".join(str(error).split())[:200]
-    except OrcaError as error:
-        return error
     return result

@@ -41,8 +41,8 @@ def serve(connection: Connection, work: SceneWork, threads: int, log_level: int)
     """Finish the scenes that come, until None or the end of the line; never returns what it computed, only how it went.
 
     Args:
-        connection: gets (scene, again) or None; gives ("phase", ...), ("cell", line), then ("done", SceneOutcome) or
-            ("error", exception).
+        connection: gets (scene, again) or None; gives ("ready", None) once, then ("phase", ...), ("cell", line), and
+            ("done", SceneOutcome) or ("error", exception) for each scene.
         work: what to do.
         threads: that OpenCV may use; numba, torch and BLAS were told by the environment.
         log_level: of the loggers of bench.
@@ -50,6 +50,7 @@ def serve(connection: Connection, work: SceneWork, threads: int, log_level: int)
     _settle(threads, log_level)
     telling = _Telling(connection)
     try:
+        connection.send(("ready", None))
         while (task := connection.recv()) is not None:
             scene, again = task
             try:

@@ -25,7 +25,7 @@ from bench.request import RunRequest
 from bench.runner import RunSummary, run_bench
 from bench.shard import parse_shard, scenes_of_shard
 from bench.store import RunStore
-from orca.errors import BadInput, CannotWrite
+from orca.errors import BadInput, CannotWrite, Unavailable
 from tests.bench.run_files import lasting
 from tests.bench.worker_fakes import METHODS, METRICS, calls, request_of
 
@@ -71,6 +71,7 @@ def test_two_workers_write_what_one_process_writes(serial: RunRequest, tmp_path:
     assert {phase for _, _, phase in told.phases} >= {"load", "fit", "metric Grey"}
 
 
+@pytest.mark.slow
 def test_any_mix_of_executors_goes_on_where_another_stopped(serial: RunRequest, tmp_path: Path) -> None:
     request = request_of(tmp_path)
     go(replace(request, scenes=request.scenes[:2]), LocalWorkers(2, SMALL))
@@ -87,6 +88,7 @@ def test_a_finished_run_starts_no_worker(serial: RunRequest, monkeypatch: pytest
     assert go(serial, LocalWorkers(2, SMALL)).computed == 0
 
 
+@pytest.mark.slow
 def test_a_lost_worker_costs_a_second_try_of_its_scene(serial: RunRequest, tmp_path: Path) -> None:
     request, told = request_of(tmp_path), Notes()
     (tmp_path / "brighter s00002").write_text("kill once")
@@ -100,6 +102,7 @@ def test_a_lost_worker_costs_a_second_try_of_its_scene(serial: RunRequest, tmp_p
     assert "tried once more" in line
 
 
+@pytest.mark.slow
 def test_a_step_that_kills_its_worker_twice_is_a_failure_and_the_rest_goes_on(tmp_path: Path) -> None:
     request, told = request_of(tmp_path, count=3), Notes()
     (tmp_path / "copy s00001").write_text("kill")
@@ -119,6 +122,7 @@ def test_a_step_that_kills_its_worker_twice_is_a_failure_and_the_rest_goes_on(tm
     assert go(replace(request, retry_failed=True), LocalWorkers(2, SMALL)).failed == ()
 
 
+@pytest.mark.slow
 def test_a_metric_that_kills_its_worker_fails_alone(tmp_path: Path) -> None:
     request = replace(request_of(tmp_path, count=1), methods=("copy",))
     (tmp_path / "grey s00000").write_text("kill")
@@ -131,6 +135,7 @@ def test_a_metric_that_kills_its_worker_fails_alone(tmp_path: Path) -> None:
     assert calls(tmp_path)["copy s00000"] == 1
 
 
+@pytest.mark.slow
 def test_what_no_scene_is_to_blame_for_ends_the_run(tmp_path: Path) -> None:
     request = request_of(tmp_path, count=3)
     (tmp_path / "copy s00001").write_text("full disk")
@@ -138,6 +143,21 @@ def test_what_no_scene_is_to_blame_for_ends_the_run(tmp_path: Path) -> None:
         go(request, LocalWorkers(2, SMALL))
     (tmp_path / "copy s00001").unlink()
     assert go(request, LocalWorkers(2, SMALL)).failed == ()
+
+
+class _Broken(str):
+    """Text whose reading fails in a new process."""
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return int, ("no number",)
+
+
+@pytest.mark.slow
+def test_workers_that_cannot_start_end_the_run_and_blame_no_scene(tmp_path: Path) -> None:
+    request = request_of(tmp_path, count=2)
+    with pytest.raises(Unavailable, match="a worker did not start: it ended with exit code 1"):
+        go(replace(request, trajectory=_Broken("x")), LocalWorkers(2, SMALL))
+    assert not RunStore(request.out).record_paths()
 
 
 _SCRIPT = """
