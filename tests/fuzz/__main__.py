@@ -9,6 +9,7 @@ from __future__ import annotations
 import argparse
 import json
 import re
+import resource
 import subprocess
 import sys
 import time
@@ -48,7 +49,7 @@ def _fuzz(name: str, seconds: int, out: Path) -> dict[str, object]:
     words = out / f"{name}.dict"
     words.write_text(dictionary(name))
     before = {path.name for path in findings.iterdir()}
-    started, executions, crashes = time.time(), 0, 0
+    started, executions, crashes, before_cpu = time.time(), 0, 0, _cpu_of_children()
     while (left := seconds - (time.time() - started)) > 1:
         done, crashed = _engine(name, left, corpus, findings, words)
         executions, crashes = executions + done, crashes + crashed
@@ -57,6 +58,7 @@ def _fuzz(name: str, seconds: int, out: Path) -> dict[str, object]:
     run = {
         "target": name,
         "seconds": round(time.time() - started),
+        "cpu_seconds": round(_cpu_of_children() - before_cpu),
         "executions": executions,
         "corpus": len(list(corpus.iterdir())),
         "findings": sorted({path.name for path in findings.iterdir()} - before),
@@ -64,6 +66,11 @@ def _fuzz(name: str, seconds: int, out: Path) -> dict[str, object]:
     with (out / "runs.jsonl").open("a") as file:
         file.write(json.dumps(run) + "\n")
     return run
+
+
+def _cpu_of_children() -> float:
+    used = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return used.ru_utime + used.ru_stime
 
 
 def _engine(name: str, seconds: float, corpus: Path, findings: Path, words: Path) -> tuple[int, bool]:

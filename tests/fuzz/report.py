@@ -17,26 +17,30 @@ _HEAD = """# Fuzzing
 A finding is an input on which a parser raised anything but its own error, crashed, hung for a minute, or took two
 gigabytes. Findings that were fixed are kept in `tests/fuzz/corpus` and read again by every test run.
 
-| target | what reads it | minutes | executions | places found |
-|---|---|---:|---:|---:|
+| target | what reads it | minutes | of a core | executions | places found |
+|---|---|---:|---:|---:|---:|
 """
 
 
 def write_report(runs: Path) -> Path:
     """Write docs/fuzzing.md; return its path."""
     seconds: defaultdict[str, float] = defaultdict(float)
+    cpu: defaultdict[str, float] = defaultdict(float)
     executions: defaultdict[str, int] = defaultdict(int)
     found: defaultdict[str, set[str]] = defaultdict(set)
     for line in runs.read_text().splitlines():
         run = json.loads(line)
         seconds[run["target"]] += run["seconds"]
+        cpu[run["target"]] += run.get("cpu_seconds", 0)
         executions[run["target"]] += run["executions"]
         found[run["target"]] |= {name for name in run["findings"] if not name.endswith(".txt")}
     rows = [
-        f"| {name} | {target.reads} | {seconds[name] / 60:.1f} | {executions[name]:,} | {len(found[name])} |"
+        f"| {name} | {target.reads} | {seconds[name] / 60:.1f} | {cpu[name] / 60:.1f} | {executions[name]:,} "
+        f"| {len(found[name])} |"
         for name, target in TARGETS.items()
     ]
-    total = f"| all | | {sum(seconds.values()) / 60:.1f} | {sum(executions.values()):,} | |"
+    minutes = f"{sum(seconds.values()) / 60:.1f} | {sum(cpu.values()) / 60:.1f}"
+    total = f"| all | | {minutes} | {sum(executions.values()):,} | |"
     path = _DOCS / "fuzzing.md"
     path.parent.mkdir(exist_ok=True)
     notes = path.with_name("fuzzing_notes.md")

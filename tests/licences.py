@@ -1,0 +1,90 @@
+"""The licences of what this project depends on by name: ``python -m tests.licences`` writes docs/licences.md."""
+
+from __future__ import annotations
+
+import re
+import sys
+import tomllib
+from importlib import metadata
+from pathlib import Path
+
+__all__ = ["DOCS", "NOTES", "direct_dependencies", "licence_of", "rows"]
+
+ROOT = Path(__file__).resolve().parents[1]
+DOCS = ROOT / "docs" / "licences.md"
+# What a package's metadata do not say, or say too loosely, and what a user must know.
+NOTES = {
+    "pyiqa": "**non-commercial** (PolyForm Noncommercial 1.0.0 for pyiqa itself, NTU S-Lab 1.0 for parts)",
+    "opencv-contrib-python-headless": "the wheel bundles FFmpeg (LGPL-2.1), named in its LICENSE-3RD-PARTY.txt",
+    "av": "the wheel bundles FFmpeg (LGPL-3.0) with libx264 and libx265 (GPL-2.0)",
+    "torch": "torch itself is BSD-3-Clause, the rest is what the wheel bundles; CUDA wheels add NVIDIA's terms",
+    "plyfile": "used by tests only",
+    "transformers": "models keep their own licences",
+    "diffusers": "models keep their own licences",
+}
+_HEAD = """# Licences
+
+ORCA and bench: MIT. What they depend on by name (`pyproject.toml`), from the packages' own metadata; made by
+`python -m tests.licences`, and a test fails when a dependency is missing here. Nothing of these is copied into this
+repository. Weights and data sets keep their owners' terms.
+
+**pyiqa (MUSIQ, CLIP-IQA as scored here) is under a non-commercial licence**: leave out `musiq` and `clipiqa` for
+commercial use; NIQE is computed by code of this project.
+
+| package | needed for | licence | note |
+|---|---|---|---|
+"""
+_TAIL = """
+## Known vulnerabilities
+
+`pip-audit -r <(pip freeze --exclude-editable)` in the environment compares what is installed with the advisory database
+of PyPI, which needs a network. {audit}
+"""
+
+
+def direct_dependencies() -> dict[str, str]:
+    """Package -> what it is needed for: "core", or the extra that brings it."""
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    groups = {"core": project["dependencies"], **project["optional-dependencies"]}
+    found: dict[str, str] = {}
+    for group, requirements in groups.items():
+        for requirement in requirements:
+            name = re.split(r"[\[<>=!~; ]", requirement, maxsplit=1)[0]
+            if name != project["name"]:
+                found.setdefault(name, group)
+    return found
+
+
+def licence_of(package: str) -> str:
+    """The licence that the installed package states, in one line; "not installed here" for one that is not."""
+    try:
+        facts = metadata.metadata(package)
+    except metadata.PackageNotFoundError:
+        return "not installed here"
+    trove = [c.split(" :: ")[-1] for c in facts.get_all("Classifier") or [] if c.startswith("License :: ")]
+    expression = (facts.get("License-Expression") or "").strip()
+    words = (facts.get("License") or "").strip()
+    if expression:
+        return expression if len(expression) <= 90 else f"{expression[:90].rpartition(' AND ')[0]} AND others"
+    if words and len(words) <= 60 and "\n" not in words:
+        return words
+    named = ", ".join(word for word in trove if word != "OSI Approved")
+    return named or (words.splitlines()[0][:60] if words else "not stated")
+
+
+def rows() -> list[str]:
+    """The table's rows."""
+    return [
+        f"| {name} | {group} | {licence_of(name)} | {NOTES.get(name, '')} |"
+        for name, group in direct_dependencies().items()
+    ]
+
+
+def main(audit: str) -> None:
+    """Write the file."""
+    DOCS.parent.mkdir(exist_ok=True)
+    DOCS.write_text(_HEAD + "\n".join(rows()) + "\n" + _TAIL.format(audit=audit), encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main(" ".join(sys.argv[1:]))
