@@ -39,7 +39,7 @@ KNOWN = {
     ("bench/memory.py", "_reset"): "a switch of the system",
     ("bench/stability/worker.py", "_serve"): "the log of a process, in a temporary file",
 }
-SCRATCH = tuple(f"bench/stability/{name}.py" for name in ("ends", "files", "scenes"))  # inputs of cases, made in a temporary folder
+SCRATCH = tuple(f"bench/stability/{name}.py" for name in ("ends", "files", "scenes"))  # inputs, in a temporary folder
 MEMORY = ("(buffer", "(file,", ", buffer,", ".save(out,")  # a stream in memory has no name
 
 
