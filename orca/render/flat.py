@@ -7,7 +7,7 @@ hits take part.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import torch
 from torch import Tensor
@@ -16,6 +16,7 @@ from orca.anchors import GaussianAnchors
 from orca.camera import Camera
 from orca.config import RenderConfig
 from orca.field.decoders import Decoders
+from orca.render.approach import closest_approach
 from orca.render.reference import ray_tensors
 
 __all__ = ["FlatHits", "render_flat"]
@@ -76,24 +77,8 @@ def render_flat(
 def _measure(
     anchors: GaussianAnchors, origin: Tensor, directions: Tensor, hits: FlatHits, config: RenderConfig
 ) -> _Table:
-    """t*, m2 and a of every hit by the RIS formulas, what its anchor carries, and its layer.
-
-    In float64: m2 is a small difference of large numbers for thin anchors, and so is its gradient.
-    """
-    exact = replace(
-        anchors,
-        means=anchors.means.double(),
-        log_variances=anchors.log_variances.double(),
-        quaternions=anchors.quaternions.double(),
-    )
-    whitening = exact.whitening()
-    o = (whitening @ (origin - exact.means)[..., None])[..., 0].index_select(0, hits.anchor)
-    d = whitening.index_select(0, hits.anchor) @ directions.double().index_select(0, hits.ray)[..., None]
-    d = d[..., 0]
-    a = (d * d).sum(-1)
-    t = -(o * d).sum(-1) / a
-    closest = o + t[:, None] * d
-    t, m2, a = (x.to(anchors.means.dtype) for x in (t, (closest * closest).sum(-1), a))
+    """t*, m2 and a of every hit by the RIS formulas, what its anchor carries, and its layer."""
+    t, m2, a = closest_approach(anchors, origin, directions, hits.anchor, hits.ray)
     carried = torch.cat([anchors.features, torch.sigmoid(anchors.opacity_logits)[:, None]], 1)
     carried = carried.index_select(0, hits.anchor)
     layer = _layers(t.detach(), a.detach(), hits, config)
