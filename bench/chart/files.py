@@ -28,6 +28,7 @@ _HEAD = (
     "quality_high",
     "scenes",
     "scenes_of_run",
+    "published",
     "on_front",
     "why_no_cost",
 )
@@ -90,6 +91,7 @@ def _point(panel: Panel, row: int) -> dict[str, Any]:
         "method": point.method,
         **_numbers("cost", point.cost),
         **_numbers("quality", point.quality),
+        "published": point.published,
         "on_front": point.on_front,
         "why_no_cost": point.why_no_cost or None,
     }

@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from bench.chart import CHART_COSTS, cost_value
 from bench.datasets import Dataset, SceneCase, open_dataset
 from bench.frames import load_frames
 from bench.measured import COSTS, Column, Measured
@@ -19,10 +20,12 @@ from bench.store import RunStore
 from orca.conventions import UInt8Array
 from orca.errors import OrcaError
 
-__all__ = ["BYTES", "Sources", "as_script", "collect_scenes", "problems", "shown_columns"]
+__all__ = ["MORE_COSTS", "Sources", "as_script", "collect_scenes", "problems", "shown_columns"]
 
 _log = logging.getLogger(__name__)
-BYTES = Column("bytes", "Model MB", 1, False)  # in 1e6 bytes
+# What the page shows beside the costs of a printed table; both in 1e6 bytes.
+MORE_COSTS = (Column("bytes", "Model MB", 1, False), Column("memory", "MB added at the peak", 0, False))
+_CHARTED = tuple(column.key for column in CHART_COSTS)
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,7 +65,7 @@ class Sources:
 
 def shown_columns(run: Measured) -> tuple[Column, ...]:
     """Metrics and costs that have at least one number; the others are listed with their reasons instead."""
-    columns = (*run.columns, *COSTS, BYTES)
+    columns = (*run.columns, *COSTS, *MORE_COSTS)
     return tuple(c for c in columns if any(_number(run, m, s, c) is not None for m, s in _cells(run)))
 
 
@@ -71,11 +74,11 @@ def _cells(run: Measured) -> Iterable[tuple[str, str]]:
 
 
 def _number(run: Measured, method: str, scene: str, column: Column) -> float | None:
-    if column is not BYTES:
+    """A score, or a cost as the chart has it: what was only rendered here has no seconds."""
+    if column.key not in _CHARTED:
         return run.value(method, scene, column.key).number
     record = run.records.get((method, scene))
-    size = None if record is None or record.failure is not None else record.model.get("bytes")
-    return None if size is None else float(size) / 1e6
+    return None if record is None else cost_value(record, column.key).number
 
 
 def collect_scenes(run: Measured, sources: Sources, media: Media) -> list[dict[str, Any]]:

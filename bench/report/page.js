@@ -1,7 +1,8 @@
 "use strict";
 (() => {
   const data = JSON.parse(document.getElementById("data").textContent);
-  const colours = ["#2f7fa8", "#c8782a", "#4f9a5f", "#a8567f", "#7a68b8", "#8a7a4a", "#b8473f", "#4a8f92", "#6b7884"];
+  /* Okabe and Ito's, which differ for every kind of colour vision; what a colour means is always written beside it. */
+  const colours = ["#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#6b7884", "#8a7a4a", "#7a68b8"];
   const colour = (method) => colours[Math.max(0, data.methods.indexOf(method)) % colours.length];
   const byId = (id) => document.getElementById(id);
   const finite = (value) => typeof value === "number" && Number.isFinite(value);
@@ -67,13 +68,8 @@
   const hideTip = () => { tip.hidden = true; };
   addEventListener("scroll", hideTip, { passive: true });
 
-  const qualities = data.columns.filter((c) => !c.cost && c.higher !== null);
-  const costs = data.columns.filter((c) => c.cost);
+  const { panels, qualities, costs } = data.chart;
   const number = (value, column) => finite(value) ? (column.decimals > 0 && Math.abs(value) < 1e4 ? value.toFixed(column.decimals) : Math.round(value).toLocaleString("en")) : "none";
-  function summary(method, column) {
-    const values = data.scenes.map((scene) => (scene.values[method] || {})[column.key]).filter(finite);
-    return { count: values.length, mean: values.length ? values.reduce((a, b) => a + b, 0) / values.length : null };
-  }
   function ticks(low, high, wanted) {
     const raw = (high - low) / wanted, power = 10 ** Math.floor(Math.log10(raw));
     const step = power * [1, 2, 5, 10].find((m) => m * power >= raw);
@@ -89,65 +85,94 @@
     }
     return out.length > 7 ? out.filter((v) => /^1(e|0*$|$)|^0?\.0*1$/.test(String(v))) : out;
   }
-  function front(points, higher) {
-    const better = higher ? (a, b) => a > b : (a, b) => a < b;
-    const kept = [];
-    for (const point of [...points].sort((a, b) => a.x - b.x)) if (!kept.length || better(point.y, kept[kept.length - 1].y)) kept.push(point);
-    return kept;
+  /* A free place for each name near its point: to the right, left, above, below, then farther out. */
+  function placeNames(points, sizes, bounds) {
+    const shared = (a, b) => Math.max(0, Math.min(a[2], b[2]) - Math.max(a[0], b[0])) * Math.max(0, Math.min(a[3], b[3]) - Math.max(a[1], b[1]));
+    const angles = [0, 180, 90, 270, 45, 135, 315, 225, 20, 160, 340, 200, 65, 115, 245, 295].map((a) => (a * Math.PI) / 180);
+    const marks = points.map(({ x, y }) => [x - 9, y - 9, x + 9, y + 9]), placed = [];
+    points.forEach(({ x, y }, i) => {
+      const [w, h] = sizes[i], taken = [...placed, ...marks.filter((_, j) => j !== i)];
+      let best = [x - w / 2, y - h / 2, x + w / 2, y + h / 2], least = Infinity;
+      for (const step of [1, 1.6, 2.4, 3.4, 4.6, 6, 7.6]) for (const angle of angles) {
+        const cx = x + Math.cos(angle) * (12 * step + w / 2), cy = y - Math.sin(angle) * (12 * step + h / 2);
+        const box = [cx - w / 2, cy - h / 2, cx + w / 2, cy + h / 2];
+        if (box[0] < bounds[0] || box[1] < bounds[1] || box[2] > bounds[2] || box[3] > bounds[3]) continue;
+        const cover = taken.reduce((sum, other) => sum + shared(box, other), 0);
+        if (cover < least) { best = box; least = cover; }
+      }
+      placed.push(best);
+    });
+    return placed;
   }
+  const pen = document.createElement("canvas").getContext("2d");
+  function textWidth(text) { pen.font = "560 12.5px sans-serif"; return pen.measureText(text).width + 4; }
+
   function drawChart() {
     const quality = qualities.find((c) => c.key === byId("chart-quality").value);
     const cost = costs.find((c) => c.key === byId("chart-cost").value);
-    if (!quality || !cost) return;
-    const narrow = byId("chart-body").clientWidth < 560;
-    const width = narrow ? 420 : 900, height = narrow ? 360 : 420, left = 56, right = 18, top = 34, bottom = 50;
-    const points = data.methods.map((method) => ({ method, x: summary(method, cost).mean, y: summary(method, quality).mean, n: summary(method, quality).count })).filter((p) => finite(p.y));
-    const dots = byId("chart-scenes").checked ? data.scenes.flatMap((scene) => data.methods.map((method) => {
+    const panel = panels.find((p) => p.quality === quality.key && p.cost === cost.key);
+    byId("chart-front").textContent = panel ? panel.words : "Nothing was measured for this pair.";
+    if (!panel) { byId("chart-body").replaceChildren(); return; }
+    const narrow = byId("chart-body").clientWidth < 560, higher = panel.higher_is_better;
+    const width = narrow ? 420 : 900, height = narrow ? 400 : 460, left = 56, right = 18, top = 34, bottom = 50;
+    const dots = byId("chart-scenes").checked ? data.scenes.filter((scene) => panel.scenes.includes(scene.name)).flatMap((scene) => panel.points.map(({ method }) => {
       const values = scene.values[method] || {};
       return { method, scene: scene.name, x: values[cost.key], y: values[quality.key] };
     })).filter((p) => finite(p.x) && p.x > 0 && finite(p.y)) : [];
-    const timed = points.filter((p) => finite(p.x) && p.x > 0), untimed = points.filter((p) => !(finite(p.x) && p.x > 0));
-    const ys = [...points, ...dots].map((p) => p.y), xs = [...timed, ...dots].map((p) => p.x);
+    const timed = panel.points.filter((p) => finite(p.cost_mean)), untimed = panel.points.filter((p) => !finite(p.cost_mean));
+    const ys = [...panel.points.flatMap((p) => [p.quality_mean, p.quality_low, p.quality_high]), ...dots.map((p) => p.y)].filter(finite);
+    const xs = [...timed.flatMap((p) => [p.cost_mean, p.cost_low, p.cost_high]), ...dots.map((p) => p.x)].filter((x) => finite(x) && x > 0);
     let y0 = Math.min(...ys), y1 = Math.max(...ys);
     if (!(y1 > y0)) { y0 -= 0.5; y1 += 0.5; }
-    const pad = 0.08 * (y1 - y0); y0 -= pad; y1 += pad;
-    const x0 = (xs.length ? Math.min(...xs) : 1) / 1.5, x1 = (xs.length ? Math.max(...xs) : 10) * 1.5;
-    const strip = untimed.length ? (narrow ? 74 : 120) : 0;
-    const px = (x) => left + strip + (Math.log(x / x0) / Math.log(x1 / x0)) * (width - left - strip - right);
-    const py = (y) => height - bottom - ((y - y0) / (y1 - y0)) * (height - top - bottom);
+    const pad = 0.1 * (y1 - y0); y0 -= pad; y1 += pad;
+    const x0 = Math.min(...xs) / 1.35, x1 = Math.max(...xs) * 1.5;
+    const strip = untimed.length ? (narrow ? 84 : 130) : 0;
+    const px = (x) => left + strip + (Math.log(Math.max(x, x0) / x0) / Math.log(x1 / x0)) * (width - left - strip - right);
+    const py = (y) => { const t = (y - y0) / (y1 - y0); return height - bottom - (higher ? t : 1 - t) * (height - top - bottom); };
     const svg = make("svg", { viewBox: `0 0 ${width} ${height}`, role: "group", "aria-label": `${quality.title} against ${cost.title}` });
+    if (strip) svg.append(make("rect", { class: "strip", x: left, y: top, width: strip, height: height - top - bottom }));
     for (const v of ticks(y0, y1, 5)) svg.append(make("line", { class: "grid", x1: left, x2: width - right, y1: py(v), y2: py(v) }), make("text", { x: left - 8, y: py(v) + 4, "text-anchor": "end" }, String(v)));
-    if (timed.length) for (const v of logTicks(x0, x1)) svg.append(make("line", { class: "grid", x1: px(v), x2: px(v), y1: top, y2: height - bottom }), make("text", { x: px(v), y: height - bottom + 18, "text-anchor": "middle" }, v >= 1e4 ? v.toExponential(0).replace("+", "") : String(Number(v.toPrecision(3)))));
-    svg.append(make("text", { x: left - 44, y: 18 }, `${quality.title} ${quality.higher ? "(higher is better)" : "(lower is better)"}`));
-    svg.append(make("text", { x: width - right, y: height - 10, "text-anchor": "end" }, `${cost.title}, logarithmic`));
-    if (strip) svg.append(make("text", { x: left + strip / 2, y: height - bottom + 18, "text-anchor": "middle" }, narrow ? "none here" : "not measured here"));
+    for (const v of logTicks(x0, x1)) svg.append(make("line", { class: "grid", x1: px(v), x2: px(v), y1: top, y2: height - bottom }), make("text", { x: px(v), y: height - bottom + 18, "text-anchor": "middle" }, v >= 1e4 ? v.toExponential(0).replace("+", "") : String(Number(v.toPrecision(3)))));
+    const all = panel.scenes.length === panel.scenes_of_run ? panel.scenes.length : `${panel.scenes.length}/${panel.scenes_of_run}`;
+    svg.append(make("text", { x: left - 44, y: 18 }, `${quality.title} ${higher ? "(higher is better)" : "(lower is better: axis upside down)"}`));
+    svg.append(make("text", { x: width - right, y: height - 10, "text-anchor": "end" }, `${cost.title}, logarithmic; ${all} scenes`));
+    if (strip) {
+      const words = untimed.every((p) => p.published) ? ["published,", "not measured here"] : [cost.key === "bytes" ? "no model known" : "not measured here"];
+      words.forEach((word, i) => svg.append(make("text", { class: "aside", x: left + strip / 2, y: height - bottom - 8 - 14 * (words.length - 1 - i), "text-anchor": "middle" }, narrow && word.startsWith("not") ? "not timed here" : word)));
+    }
     for (const p of dots) svg.append(make("circle", { class: "dot", cx: px(p.x), cy: py(p.y), r: 3, fill: colour(p.method) }, make("title", {}, `${p.method}, ${p.scene}: ${number(p.y, quality)}, ${number(p.x, cost)} ${cost.title}`)));
-    const best = front(timed, quality.higher);
-    if (best.length > 1) svg.append(make("polyline", { class: "front", points: best.map((p) => `${px(p.x)},${py(p.y)}`).join(" ") }));
-    const labels = [];
-    for (const p of [...untimed, ...timed]) {
-      const inStrip = untimed.includes(p);
+    const best = panel.front.map((method) => panel.points.find((p) => p.method === method));
+    const path = best.flatMap((p, i) => (i ? [[px(p.cost_mean), py(best[i - 1].quality_mean)]] : []).concat([[px(p.cost_mean), py(p.quality_mean)]]));
+    if (best.length > 1) svg.append(make("polyline", { class: "front", points: path.map((at) => at.join(",")).join(" ") }));
+    /* Front points come last, so that what hides them is drawn first. */
+    const order = [...untimed, ...timed.filter((p) => !p.on_front), ...best];
+    const at = order.map((p) => {
       const spread = (untimed.indexOf(p) + 0.5) / Math.max(1, untimed.length); // side by side, not on top of one another
-      const x = inStrip ? left + strip * (0.15 + 0.7 * spread) : px(p.x), y = py(p.y);
-      const lines = [p.method, `${quality.title}: ${number(p.y, quality)} (${p.n} scene${p.n === 1 ? "" : "s"})`, `${cost.title}: ${inStrip ? "not measured here" : number(p.x, cost)}`];
-      const text = lines.join("\n");
-      const circle = make("circle", { class: "mean", cx: x, cy: y, r: 8, fill: colour(p.method), tabindex: 0, role: "img", "aria-label": lines.join(", "), "data-method": p.method });
-      const show = () => { const box = circle.getBoundingClientRect(); showTip(text, box.right, box.bottom); byId("chart-text").textContent = lines.join(" · "); };
+      return { x: finite(p.cost_mean) ? px(p.cost_mean) : left + strip * (0.1 + 0.8 * spread), y: py(p.quality_mean) };
+    });
+    const boxes = placeNames(at, order.map((p) => [textWidth(p.short), 15]), [left + 2, 22, width - 2, height - bottom - 2]);
+    order.forEach((p, i) => {
+      const { x, y } = at[i], interval = (low, high, column) => (finite(low) ? ` [${number(low, column)}, ${number(high, column)}]` : "");
+      const why = p.published ? "published, not measured here" : p.why_no_cost;
+      const lines = [p.method, `${quality.title}: ${number(p.quality_mean, quality)}${interval(p.quality_low, p.quality_high, quality)}`, `${cost.title}: ${finite(p.cost_mean) ? number(p.cost_mean, cost) + interval(p.cost_low, p.cost_high, cost) : why}`];
+      if (finite(p.quality_low)) svg.append(make("line", { class: "bar", stroke: colour(p.method), x1: x, x2: x, y1: py(p.quality_low), y2: py(p.quality_high) }));
+      if (finite(p.cost_low)) svg.append(make("line", { class: "bar", stroke: colour(p.method), x1: px(p.cost_low), x2: px(p.cost_high), y1: y, y2: y }));
+      const filled = p.on_front || !finite(p.cost_mean);
+      const circle = make("circle", { class: filled ? "mean" : "mean hollow", cx: x, cy: y, r: 7, fill: filled ? colour(p.method) : null, stroke: filled ? null : colour(p.method), tabindex: 0, role: "img", "aria-label": lines.join(", "), "data-method": p.method });
+      const show = () => { const box = circle.getBoundingClientRect(); showTip(lines.join("\n"), box.right, box.bottom); byId("chart-text").textContent = lines.join(" · "); };
       circle.addEventListener("pointerenter", show);
       circle.addEventListener("focus", show);
       circle.addEventListener("click", show);
       circle.addEventListener("pointerleave", hideTip);
       circle.addEventListener("blur", hideTip);
-      let at = y - 13;
-      while (labels.some((l) => Math.abs(l.x - x) < 90 && Math.abs(l.y - at) < 14)) at += 14;
-      labels.push({ x, y: at });
-      const anchor = x > width - 90 ? "end" : x < left + 50 ? "start" : "middle";
-      svg.append(circle, make("text", { class: "name", x, y: at, "text-anchor": anchor }, p.method));
-    }
+      const [x0b, y0b, x1b, y1b] = boxes[i], near = [Math.min(Math.max(x, x0b), x1b), Math.min(Math.max(y, y0b), y1b)];
+      if (Math.hypot(near[0] - x, near[1] - y) > 17) svg.append(make("line", { class: "leader", stroke: colour(p.method), x1: x, y1: y, x2: near[0], y2: near[1] }));
+      svg.append(circle, make("text", { class: "name", x: (x0b + x1b) / 2, y: y1b - 4, "text-anchor": "middle" }, p.short));
+    });
     byId("chart-body").replaceChildren(svg);
     hideTip();
   }
-  if (qualities.length && costs.length) {
+  if (panels.length) {
     byId("chart-quality").append(...qualities.map((c) => make("option", { value: c.key }, c.title)));
     byId("chart-cost").append(...costs.map((c) => make("option", { value: c.key }, c.title)));
     const wanted = ["psnr", "visible_psnr", "input_psnr"].find((key) => qualities.some((c) => c.key === key));

@@ -13,7 +13,8 @@ from pathlib import Path
 from typing import Any
 
 from bench.measured import Column, Measured, read_runs
-from bench.report.collect import BYTES, Sources, as_script, collect_scenes, problems, shown_columns
+from bench.report.charts import chart_data
+from bench.report.collect import MORE_COSTS, Sources, as_script, collect_scenes, problems, shown_columns
 from bench.report.media import RUNGS, Media
 from bench.report.stability import find_stability, read_stability
 from bench.store import RunStore, write_atomic
@@ -22,8 +23,6 @@ from bench.tables import dataset_table
 from orca.errors import BadInput
 
 __all__ = ["Report", "write_report"]
-
-_COSTS = ("seconds", "render_ms_per_frame", "anchors", "bytes")
 
 
 @dataclass(frozen=True)
@@ -104,7 +103,7 @@ def _page(
     return environment.from_string(_asset("page.html.j2")).render(
         title=f"{run.dataset}, {_count(len(run.methods), 'method')} on {_count(len(run.scenes), 'scene')}",
         run=run,
-        table=_heads(dataset_table(run, [c for c in columns if c is not BYTES]), columns),
+        table=_heads(dataset_table(run, [c for c in columns if c not in MORE_COSTS]), columns),
         data=as_script(_document(run, columns, scenes)),
         media=media.items,
         matrix=matrix,
@@ -129,10 +128,10 @@ def _document(run: Measured, columns: tuple[Column, ...], scenes: list[dict[str,
                 "title": c.title,
                 "decimals": c.decimals,
                 "higher": c.higher_is_better,
-                "cost": c.key in _COSTS,
             }
             for c in columns
         ],
+        "chart": chart_data(run),
         "scenes": scenes,
     }
 

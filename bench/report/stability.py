@@ -33,7 +33,8 @@ def find_stability(root: Path) -> Path | None:
 def read_stability(path: Path) -> dict[str, Any]:
     """Cases, methods and cells of a stability JSON: rows of `case`, `method`, `outcome`, `detail`, `seconds`.
 
-    The rows are the document itself, or its "rows".
+    The rows are the document itself, or its "rows". Where they say so, a cell that was "measured" elsewhere is marked
+    by an asterisk, and one that is not "as_expected" by an exclamation mark; "about" says what a case is.
 
     Raises:
         BadInput: not such a file.
@@ -47,7 +48,11 @@ def read_stability(path: Path) -> dict[str, Any]:
         raise BadInput(f"{path} ({type(error).__name__}: {error})", allowed, "write it again") from error
     cases = list(dict.fromkeys(case for case, _ in cells))
     methods = list(dict.fromkeys(method for _, method in cells))
-    table = [{"case": case, "cells": [cells.get((case, method)) for method in methods]} for case in cases]
+    about = {str(row["case"]): str(row.get("about") or "") for row in rows}
+    table = [
+        {"case": case, "about": about[case], "cells": [cells.get((case, method)) for method in methods]}
+        for case in cases
+    ]
     totals = [_totals([cells.get((case, method)) for case in cases]) for method in methods]
     return {"methods": methods, "rows": table, "totals": totals, "cases": len(cases)}
 
@@ -55,8 +60,12 @@ def read_stability(path: Path) -> dict[str, Any]:
 def _cell(row: dict[str, Any]) -> dict[str, Any]:
     outcome = str(row["outcome"])
     seconds = row.get("seconds")
+    remarks = ["known from elsewhere"] if row.get("measured") is False else []
+    remarks += ["not as expected"] if row.get("as_expected") is False else []
     return {
         "outcome": outcome,
+        "mark": "*" * (row.get("measured") is False) + "!" * (row.get("as_expected") is False),
+        "remarks": "".join(f". {remark.capitalize()}" for remark in remarks),
         "class": CLASSES.get(outcome.replace("_", " ").replace("timeout", "time-out").lower(), "told"),
         "detail": str(row.get("detail") or ""),
         "seconds": f"{seconds:.1f} s" if isinstance(seconds, int | float) else "",

@@ -155,16 +155,35 @@ def test_the_chart_tells_its_numbers(watched: Watched) -> None:
     page.locator('#chart .mean[data-method="orca"]').focus()
     assert page.locator("#tip").inner_text().split("\n") == [
         "orca",
-        "PSNR, input view (dB): 31.00 (3 scenes)",
-        "s/scene: 4.0",
+        "PSNR, input view (dB): 31.00 [30.00, 32.00]",  # over the two scenes that every method has
+        "Seconds a scene: 4.0 [4.0, 4.0]",
     ]
     page.locator('#chart .mean[data-method="warp"]').hover()
     assert "warp" in page.locator("#chart-text").inner_text()
-    assert page.locator("#chart .front").get_attribute("points").count(",") == 2  # warp is cheaper, orca better
+    assert page.locator("#chart .front").get_attribute("points").count(",") == 3  # a step: warp is cheaper, orca better
+    assert "2/3 scenes" in page.locator("#chart-body").inner_text()
+    words = page.locator("#chart-front").inner_text()
+    assert words.startswith("PSNR, input view (dB), higher is better, 2/3 scenes: 26.00 for 0.5 s with warp, then ")
     page.select_option("#chart-cost", "bytes")
-    assert "not measured here" in page.locator("#chart-body").inner_text()
+    assert "no model known" in page.locator("#chart-body").inner_text()
+    assert page.locator("#chart .front").count() == 0  # only one method has a model
     page.select_option("#chart-quality", "niqe")
     assert "lower is better" in page.locator("#chart-body").inner_text()
+    heights = page.eval_on_selector_all(
+        "#chart .mean", "all => all.map(c => [c.dataset.method, Number(c.getAttribute('cy'))])"
+    )
+    assert dict(heights)["orca"] < dict(heights)["warp"]  # lower is better, and better is up
+
+
+def test_names_on_the_chart_keep_off_one_another(watched: Watched) -> None:
+    boxes = watched.page.eval_on_selector_all(
+        "#chart .name",
+        "all => all.map(t => { const b = t.getBoundingClientRect(); return [b.left, b.top, b.right, b.bottom]; })",
+    )
+    assert len(boxes) == len(METHODS)
+    for i, a in enumerate(boxes):
+        for b in boxes[:i]:
+            assert a[2] <= b[0] or b[2] <= a[0] or a[3] - 3 <= b[1] or b[3] - 3 <= a[1]
 
 
 def test_stability_cells_say_what_happened(watched: Watched) -> None:
