@@ -136,5 +136,5 @@ IMAGE_CASES = (
     _sized("odd-sizes", "131x97 pixels", 131, 97),
     _sized("wide", "512x16 pixels", 512, 16),
     _sized("tall", "16x512 pixels", 16, 512),
-    _sized("large", "1600x1200 pixels", 1600, 1200),
+    _sized("large", "1024x768 pixels", 1024, 768),
 )

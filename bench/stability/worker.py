@@ -8,6 +8,7 @@ import os
 import signal
 import sys
 import tempfile
+import threading
 import time
 from dataclasses import dataclass, replace
 from multiprocessing.connection import Connection
@@ -174,6 +175,7 @@ def _serve(pipe: Connection, log: str) -> None:
         os.dup2(file.fileno(), 1)
         os.dup2(file.fileno(), 2)
     faulthandler.enable(sys.__stderr__ or 2)
+    threading.Thread(target=_end_with_parent, daemon=True).start()
     pipe.send("ready")
     while True:
         try:
@@ -181,6 +183,14 @@ def _serve(pipe: Connection, log: str) -> None:
         except EOFError:
             return
         pipe.send(job.run())
+
+
+def _end_with_parent() -> None:
+    """A parent that was killed has nobody left to end its child."""
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        parent.join()
+        os._exit(1)
 
 
 def _cpu_seconds(pid: int | None) -> float:

@@ -1,0 +1,158 @@
+"""Quality against disturbance on motorcycle, where a real second view says what is right."""
+
+from __future__ import annotations
+
+import statistics
+import time
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from bench.adapters import METHODS, RunOptions
+from bench.datasets import open_dataset
+from bench.host import host_facts
+from bench.metrics.fidelity import mean_squared_error, psnr_of_mse
+from bench.progress import Reporter
+from bench.stability.disturb import DISTURBANCES, disturbed, reduced, seed_of
+from bench.stability.job import Done
+from bench.stability.outcome import EXACT, Verdict, failed
+from bench.stability.worker import Limits, Worker
+from bench.store import read_json, write_json
+from bench.trajectories import evenly_spaced
+from orca.errors import BadInput
+
+__all__ = ["CurveJob", "CurveRows", "run_curves", "seed_spread"]
+
+FRAMES = 7  # of the path; it decides canvas and repairs, and is not what is measured
+_EQUAL_DB = 99.0  # stands for equal images
+VIEWS = ("input_psnr", "second_psnr")
+
+
+@dataclass(frozen=True)
+class CurveJob:
+    """A method on a disturbed motorcycle; the verdict's numbers are the PSNR of the true input and second view.
+
+    Attributes:
+        kind: name of the disturbance.
+        level: how much of it.
+        method: name of the method.
+        preset: preset of ORCA.
+    """
+
+    kind: str
+    level: float
+    method: str
+    preset: str = "draft"
+    leaves_traces: bool = False
+
+    @property
+    def name(self) -> str:
+        """See `bench.stability.job.Job`."""
+        return f"{self.kind} {self.level:g}/{self.method}"
+
+    def run(self) -> Done:
+        """See `bench.stability.job.Job`."""
+        started = time.perf_counter()
+        try:
+            case = reduced(open_dataset("photos").load("motorcycle"), DISTURBANCES[self.kind].share)
+            case = replace(case, eval_indices=evenly_spaced(len(case.trajectory), FRAMES))
+            told = disturbed(case, self.kind, self.level)
+            started = time.perf_counter()
+            options = RunOptions(preset=self.preset, seed=seed_of(self.kind, self.level))
+            output = METHODS.get(self.method).run(told, options)
+        except Exception as error:  # noqa: BLE001 - a failure is a point of the curve
+            return Done(failed(error, "method"), time.perf_counter() - started)
+        seconds = time.perf_counter() - started
+        pairs = zip(output.true_views or (), told.true_views)
+        psnr = [min(_EQUAL_DB, psnr_of_mse(mean_squared_error(render, view.image))) for render, view in pairs]
+        return Done(Verdict(EXACT, "", dict(zip(VIEWS, psnr))), seconds)
+
+
+class CurveRows:
+    """``curves.json`` in a folder: one row for each disturbance, level and method.
+
+    Args:
+        folder: of the run; made when the first row is written.
+
+    Raises:
+        BadInput: the file that is there is not one of these.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self.path = Path(folder) / "curves.json"
+        self._rows: dict[tuple[str, float, str], dict[str, Any]] = {}
+        if self.path.is_file():
+            try:
+                for row in read_json(self.path)["rows"]:
+                    self._rows[row["disturbance"], row["level"], row["method"]] = dict(row, version=row["version"])
+            except (KeyError, TypeError) as error:
+                raise BadInput(
+                    f"{self.path} with a broken row ({error})", "what bench stability --curves writes", "another --out"
+                ) from error
+
+    def get(self, job: CurveJob, version: str) -> dict[str, Any] | None:
+        """The row of a job, if it is of this version of the method."""
+        row = self._rows.get((job.kind, job.level, job.method))
+        return row if row is not None and row["version"] == version else None
+
+    def add(self, job: CurveJob, version: str, values: dict[str, Any]) -> None:
+        """Write the row of a job."""
+        head = {"disturbance": job.kind, "level": job.level, "method": job.method, "version": version}
+        self._rows[job.kind, job.level, job.method] = head | values
+        write_json(self.path, {"schema_version": 1, "rows": self.rows(), "machine": host_facts()})
+
+    def rows(self) -> list[dict[str, Any]]:
+        """All rows, by disturbance, method and level."""
+        order = list(DISTURBANCES)
+        return sorted(self._rows.values(), key=lambda r: (order.index(r["disturbance"]), r["method"], r["level"]))
+
+
+def run_curves(
+    kinds: Sequence[str],
+    methods: Sequence[str],
+    folder: Path,
+    limits: Limits,
+    preset: str,
+    reporter: Reporter,
+) -> CurveRows:
+    """Compute what is missing, writing each point as it is known. Methods without chance get one seed.
+
+    Raises:
+        Unknown: no such method or disturbance.
+        BadInput: the folder holds something else.
+    """
+    rows = CurveRows(folder)
+    versions = {method: METHODS.get(method).version(RunOptions(preset=preset)) for method in methods}
+    jobs = [CurveJob(k, float(level), m, preset) for k in kinds for m in methods for level in _levels(k, m)]
+    reporter.start(len(jobs))
+    try:
+        with Worker(limits) as worker:
+            for job in jobs:
+                if rows.get(job, versions[job.method]) is not None:
+                    reporter.cell(None)
+                    continue
+                reporter.phase(job.name, job.method, "run", 0, 1)
+                report = worker.run(job)
+                values = {view: report.verdict.numbers.get(view) for view in VIEWS}
+                values |= {"outcome": report.verdict.outcome, "detail": report.verdict.detail}
+                values |= {"seconds": round(report.seconds, 3), "cpu_s": round(report.cpu_s, 3)}
+                rows.add(job, versions[job.method], values | {"limits": asdict(limits)})
+                shown = ", ".join(f"{view} {psnr:.2f} dB" for view, psnr in report.verdict.numbers.items())
+                reporter.cell(f"{job.name}: {shown or report.verdict.detail}, {report.cpu_s:.1f} CPU-s")
+    finally:
+        reporter.close()
+    return rows
+
+
+def seed_spread(rows: Sequence[dict[str, Any]], method: str) -> dict[str, float]:
+    """Sample standard deviation over the seeds of a method, in dB; empty with fewer than two seeds."""
+    found = [row for row in rows if row["disturbance"] == "seed" and row["method"] == method]
+    values = {view: [row[view] for row in found if row[view] is not None] for view in VIEWS}
+    return {view: statistics.stdev(psnr) for view, psnr in values.items() if len(psnr) > 1}
+
+
+def _levels(kind: str, method: str) -> tuple[float, ...]:
+    """A warp draws no random number: one seed is all of them."""
+    levels = DISTURBANCES[kind].levels
+    return levels[:1] if kind == "seed" and method.startswith("warp") else levels
