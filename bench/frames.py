@@ -115,7 +115,7 @@ def load_frames(path: Path, record: CellRecord) -> MethodOutput | None:
 
 def _check_members(archive: Any) -> None:
     """`save_frames` compresses nothing, so that a file cannot hold more than its own size."""
-    if not isinstance(archive, np.lib.npyio.NpzFile):
+    if not isinstance(archive, np.lib.npyio.NpzFile) or archive.zip is None:
         raise ValueError("no archive of arrays")
     if any(member.compress_type != zipfile.ZIP_STORED for member in archive.zip.infolist()):
         raise ValueError("compressed arrays")

@@ -108,6 +108,17 @@ def test_addresses_are_https_or_this_machine() -> None:
                     assert where.startswith(("127.0.0.1", "localhost", "host:8000", "www.w3.org")), (path, text)
 
 
+def test_servers_listen_on_this_machine_unless_told() -> None:
+    import inspect
+
+    from orca.cli import build_parser
+    from orca.view import SceneViewer
+
+    given = build_parser().parse_args(["view", "scene.safetensors"])
+    assert given.host == "127.0.0.1"
+    assert inspect.signature(SceneViewer).parameters["host"].default == "127.0.0.1"
+
+
 def test_nothing_unpickles_or_evaluates() -> None:
     """The one unpickler is the restricted one, torch.load reads tensors only, and there is no shell and no eval."""
     banned = {
