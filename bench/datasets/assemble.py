@@ -8,16 +8,58 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from bench.datasets.case import SceneCase
+from bench.trajectories import build_trajectory, evenly_spaced
 from orca.camera import Camera
 from orca.conventions import Float32Array, UInt8Array, to_float
 from orca.errors import BadInput, Unknown
 from orca.paths import scene_radius
 
-__all__ = ["DEFAULT_HFOV_DEG", "DEFAULT_TRAJECTORY", "check_scene", "checked_depth", "guessed_depth", "in_scene_radii"]
+__all__ = [
+    "DEFAULT_TRAJECTORY",
+    "check_scene",
+    "checked_depth",
+    "default_camera",
+    "guessed_depth",
+    "in_scene_radii",
+    "uncalibrated_case",
+]
 
 DEFAULT_HFOV_DEG = 60.0
 # 99 frames, so that the 50 evaluated ones are exactly every second one and all steps are equal.
 DEFAULT_TRAJECTORY = "spiral"
+
+
+def default_camera(image: UInt8Array) -> Camera:
+    """The camera that is taken for an image [H, W, 3] of which nothing is known: 60 degrees wide."""
+    return Camera.from_fov(image.shape[1], image.shape[0], DEFAULT_HFOV_DEG)
+
+
+def uncalibrated_case(
+    dataset: str,
+    scene: str,
+    image: UInt8Array,
+    camera: Camera,
+    depth: Float32Array,
+    depth_source: str,
+    trajectory: str,
+    *,
+    depth_is_metric: bool = False,
+) -> SceneCase:
+    """The case of an image with `default_camera`: no true views, 50 evaluated frames evenly over the named path."""
+    path = build_trajectory(trajectory, camera)
+    return SceneCase(
+        dataset=dataset,
+        name=scene,
+        image=image,
+        camera=camera,
+        depth=depth,
+        depth_source=depth_source,
+        depth_is_metric=depth_is_metric,
+        fov_source=f"configured: {DEFAULT_HFOV_DEG:g} degrees",
+        trajectory=path,
+        eval_indices=evenly_spaced(len(path)),
+    )
 
 
 def check_scene(scene: str, scenes: Sequence[str], dataset: str) -> str:

@@ -14,15 +14,15 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from bench.datasets.assemble import (
-    DEFAULT_HFOV_DEG,
     DEFAULT_TRAJECTORY,
     check_scene,
     checked_depth,
+    default_camera,
     in_scene_radii,
+    uncalibrated_case,
 )
 from bench.datasets.case import Dataset, SceneCase
 from bench.datasets.catalogue import DatasetOptions, resolve_data_root
-from bench.trajectories import build_trajectory, evenly_spaced
 from orca.camera import Camera
 from orca.conventions import Float32Array, UInt8Array, to_float
 from orca.errors import Unavailable
@@ -84,21 +84,9 @@ class Div2k:
         if file is None:  # deleted between the two lines
             raise Unavailable(f"no image of scene {scene}", f"{scene}x2.png", "python -m bench download div2k")
         image = load_image(file)
-        camera = Camera.from_fov(image.shape[1], image.shape[0], DEFAULT_HFOV_DEG)
+        camera = default_camera(image)
         depth, source = self._depth(image, camera)
-        trajectory = build_trajectory(self._trajectory, camera)
-        return SceneCase(
-            dataset=self.name,
-            name=scene,
-            image=image,
-            camera=camera,
-            depth=depth,
-            depth_source=source,
-            depth_is_metric=False,
-            fov_source=f"configured: {DEFAULT_HFOV_DEG:g} degrees",
-            trajectory=trajectory,
-            eval_indices=evenly_spaced(len(trajectory)),
-        )
+        return uncalibrated_case(self.name, scene, image, camera, depth, source, self._trajectory)
 
     def _file(self, scene: str) -> Path | None:
         candidates = (self._root / "div2k" / folder / f"{scene}x2.png" for folder in _FOLDERS)

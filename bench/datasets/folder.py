@@ -11,21 +11,21 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import lru_cache
 from pathlib import Path
 
 from bench.datasets.assemble import (
-    DEFAULT_HFOV_DEG,
     DEFAULT_TRAJECTORY,
     check_scene,
     checked_depth,
+    default_camera,
     guessed_depth,
     in_scene_radii,
+    uncalibrated_case,
 )
 from bench.datasets.case import Dataset, SceneCase
 from bench.datasets.catalogue import DatasetOptions
-from bench.trajectories import build_trajectory, evenly_spaced
 from orca.array_file import read_npy, read_png
-from orca.camera import Camera
 from orca.conventions import Float32Array, UInt8Array
 from orca.errors import BadInput, Unavailable
 from orca.images import load_image
@@ -59,27 +59,16 @@ class ImageFolder:
     def load(self, scene: str) -> SceneCase:
         """Read one image and its depth. Raises `Unknown` for a wrong name, `BadInput` for a broken file."""
         images = self._images()
-        image = load_image(images[check_scene(scene, tuple(images), self.name)])
-        camera = Camera.from_fov(image.shape[1], image.shape[0], DEFAULT_HFOV_DEG)
+        image = load_image(images[scene if scene in images else check_scene(scene, tuple(images), self.name)])
+        camera = default_camera(image)
         beside = next((path for path in self._depths(scene) if path.is_file()), None)
         if beside is None:
             depth, source = guessed_depth(image, camera)
         else:
             depth, _ = in_scene_radii(_read_depth(beside, image), camera)
             source = f"file {beside.name}"
-        trajectory = build_trajectory(self._trajectory, camera)
-        return SceneCase(
-            dataset=self.name,
-            name=scene,
-            image=image,
-            camera=camera,
-            depth=depth,
-            depth_source=source,
-            depth_is_metric=beside is not None,
-            fov_source=f"configured: {DEFAULT_HFOV_DEG:g} degrees",
-            trajectory=trajectory,
-            eval_indices=evenly_spaced(len(trajectory)),
-        )
+        path, metric = self._trajectory, beside is not None
+        return uncalibrated_case(self.name, scene, image, camera, depth, source, path, depth_is_metric=metric)
 
     def _depths(self, scene: str) -> list[Path]:
         return [self._folder / (scene + ending) for ending in _DEPTHS]
@@ -87,22 +76,26 @@ class ImageFolder:
     def _images(self) -> dict[str, Path]:
         if not self._folder.is_dir():
             raise BadInput(f"no such folder: {self._folder}", "a folder of images", "check --images")
-        found: dict[str, Path] = {}
-        for path in sorted(self._folder.iterdir()):
-            if path.suffix.lower() not in _IMAGES or path.name.lower().endswith(_DEPTHS) or not path.is_file():
-                continue
-            if path.stem in found:
-                raise BadInput(
-                    f"two images of one name: {found[path.stem].name} and {path.name}",
-                    "one image per stem",
-                    "rename one of them",
-                )
-            found[path.stem] = path
-        if not found:
-            raise Unavailable(
-                f"no image in {self._folder}", f"files ending in {', '.join(_IMAGES)}", "put images there"
+        return _images_of(self._folder, self._folder.stat().st_mtime_ns)
+
+
+@lru_cache(maxsize=4)
+def _images_of(folder: Path, changed_ns: int) -> dict[str, Path]:
+    """Stem -> image, sorted; a folder is looked through again only when a file came or went (``changed_ns``)."""
+    found: dict[str, Path] = {}
+    for path in sorted(folder.iterdir()):
+        if path.suffix.lower() not in _IMAGES or path.name.lower().endswith(_DEPTHS) or not path.is_file():
+            continue
+        if path.stem in found:
+            raise BadInput(
+                f"two images of one name: {found[path.stem].name} and {path.name}",
+                "one image per stem",
+                "rename one of them",
             )
-        return found
+        found[path.stem] = path
+    if not found:
+        raise Unavailable(f"no image in {folder}", f"files ending in {', '.join(_IMAGES)}", "put images there")
+    return found
 
 
 def _read_depth(path: Path, image: UInt8Array) -> Float32Array:

@@ -6,13 +6,11 @@ import importlib.util
 from collections.abc import Sequence
 from pathlib import Path
 
-from bench.datasets.assemble import DEFAULT_HFOV_DEG, DEFAULT_TRAJECTORY, check_scene, guessed_depth
-from bench.datasets.case import Dataset, SceneCase, TrueView
+from bench.datasets.assemble import DEFAULT_TRAJECTORY, check_scene, default_camera, guessed_depth, uncalibrated_case
+from bench.datasets.case import Dataset, SceneCase
 from bench.datasets.catalogue import DatasetOptions
 from bench.datasets.motorcycle import read_motorcycle
 from bench.trajectories import build_trajectory, evenly_spaced
-from orca.camera import Camera
-from orca.conventions import Float32Array, UInt8Array
 from orca.errors import Unavailable
 from orca.images import load_image
 
@@ -63,37 +61,27 @@ class Photos:
         """Read one photograph. Raises `Unknown` for a wrong name, `Unavailable` if the package lacks its file."""
         files = [package_file(file) for file in _FILES[check_scene(scene, self.scenes(), self.name)]]
         if scene == "motorcycle":
-            pair = read_motorcycle(*files)
-            return self._case(
-                scene, pair.left, pair.camera, pair.depth, "Middlebury true disparity", "calibrated", pair.second
-            )
+            return self._motorcycle(*files)
         image = load_image(files[0])
-        camera = Camera.from_fov(image.shape[1], image.shape[0], DEFAULT_HFOV_DEG)
+        camera = default_camera(image)
         depth, source = guessed_depth(image, camera)
-        return self._case(scene, image, camera, depth, source, f"configured: {DEFAULT_HFOV_DEG:g} degrees", None)
+        return uncalibrated_case(self.name, scene, image, camera, depth, source, self._trajectory)
 
-    def _case(
-        self,
-        scene: str,
-        image: UInt8Array,
-        camera: Camera,
-        depth: Float32Array,
-        depth_source: str,
-        fov_source: str,
-        second: TrueView | None,
-    ) -> SceneCase:
-        trajectory = build_trajectory(self._trajectory, camera)
+    def _motorcycle(self, *files: Path) -> SceneCase:
+        """The calibrated pair: measured depth, and the second photograph as a true view."""
+        pair = read_motorcycle(*files)
+        trajectory = build_trajectory(self._trajectory, pair.camera)
         return SceneCase(
             dataset=self.name,
-            name=scene,
-            image=image,
-            camera=camera,
-            depth=depth,
-            depth_source=depth_source,
-            depth_is_metric=second is not None,
-            depth_is_measured=second is not None,
-            fov_source=fov_source,
+            name="motorcycle",
+            image=pair.left,
+            camera=pair.camera,
+            depth=pair.depth,
+            depth_source="Middlebury true disparity",
+            depth_is_metric=True,
+            depth_is_measured=True,
+            fov_source="calibrated",
             trajectory=trajectory,
             eval_indices=evenly_spaced(len(trajectory)),
-            true_views=() if second is None else (second,),
+            true_views=(pair.second,),
         )
