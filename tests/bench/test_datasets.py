@@ -44,6 +44,7 @@ def test_catalogue() -> None:
             "photos",
             "realmdreamer",
             "synthetic",
+            "synthetic-unseen",
             "div2k",
             "div2k-subset",
             "folder",
