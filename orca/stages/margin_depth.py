@@ -6,7 +6,7 @@ import numpy as np
 
 from orca.camera import Camera
 from orca.conventions import Float32Array
-from orca.errors import OrcaError
+from orca.errors import BadInput, OrcaError
 from orca.priors.depth import DepthProvider
 from orca.repair.align import blend_boundary, robust_affine
 
@@ -41,11 +41,13 @@ def estimated_margin(
     inside[original] = True
     try:
         estimate = provider.estimate(image, camera)
+        if estimate.depth.shape != extended.shape:
+            raise _wrong_size(estimate.depth.shape, extended.shape)
         predicted, target = estimate.depth, extended
         if not estimate.is_metric:
             predicted, target = 1.0 / predicted, 1.0 / extended
         fit = robust_affine(predicted[inside], target[inside], tolerance=0.1)
-    except (OrcaError, RuntimeError, MemoryError) as error:
+    except Exception as error:  # noqa: BLE001 - somebody else's model: whatever it raises, the depth can be extended
         said = error.given if isinstance(error, OrcaError) else f"{type(error).__name__}: {error}"
         return extended, f"extended from the frame, because {provider.name} failed: {' '.join(said.split())[:300]}"
     aligned = fit.apply(predicted)
@@ -56,3 +58,9 @@ def estimated_margin(
         aligned = 1.0 / aligned
     depth = blend_boundary(aligned.astype(np.float32), extended, ~inside, _BLEND * min(extended.shape))
     return depth, f"{provider.name} on the outpainted image, {fit.inlier_share:.0%} of the frame within 10 %"
+
+
+def _wrong_size(given: tuple[int, ...], wanted: tuple[int, ...]) -> BadInput:
+    return BadInput(
+        f"depth of shape {given} for a canvas of {wanted}", "depth of the canvas's size", "mend the provider"
+    )

@@ -12,7 +12,9 @@ from orca.camera import Camera
 from orca.config import CanvasConfig
 from orca.errors import BadInput, Unavailable
 from orca.field.decoders import analytic_decoders
+from orca.priors.depth import DepthEstimate
 from orca.priors.outpaint import MirrorOutpainter
+from orca.priors.spec import PriorSpec
 from orca.repair.insert import InsertConfig, features_for_colours
 from orca.stages.canvas import Canvas, make_canvas
 from tests.orca.anchor_scenes import random_anchors, random_camera
@@ -38,13 +40,13 @@ def not_here(image: np.ndarray) -> np.ndarray:
     raise Unavailable("no weights", "weights", "get them")
 
 
-def canvas_with(outpainter: Outpainter | MirrorOutpainter) -> Canvas:
+def canvas_with(outpainter: Outpainter | MirrorOutpainter, depth: Depth | None = None) -> Canvas:
     image = np.random.default_rng(0).random((32, 32, 3)).astype(np.float32)
     camera = Camera.from_fov(32, 32, 60.0)
     pose = np.eye(4)
     pose[0, 3] = -0.5
     views = (camera, Camera(camera.K, pose, 32, 32))
-    return make_canvas(image, np.ones((32, 32), np.float32), camera, views, CanvasConfig(), outpainter)
+    return make_canvas(image, np.ones((32, 32), np.float32), camera, views, CanvasConfig(), outpainter, depth)
 
 
 @pytest.mark.parametrize(
@@ -55,9 +57,7 @@ def canvas_with(outpainter: Outpainter | MirrorOutpainter) -> Canvas:
         (lambda image: image[::2], "returned shape"),
     ],
 )
-def test_an_outpainter_that_fails_is_replaced_and_named(
-    answer: Callable[[np.ndarray], np.ndarray], words: str
-) -> None:
+def test_an_outpainter_that_fails_is_replaced_and_named(answer: Callable[[np.ndarray], np.ndarray], words: str) -> None:
     failed, mirrored = canvas_with(Outpainter(answer)), canvas_with(MirrorOutpainter())
     np.testing.assert_array_equal(failed.image, mirrored.image)
     np.testing.assert_array_equal(failed.depth, mirrored.depth)
@@ -77,6 +77,44 @@ def test_colours_out_of_range_are_clipped() -> None:
 def test_missing_weights_are_the_users_affair() -> None:
     with pytest.raises(Unavailable, match="no weights"):
         canvas_with(Outpainter(not_here))
+
+
+class Depth:
+    """A depth model that answers with whatever it was made of."""
+
+    name = "mine"
+
+    def __init__(self, answer: Callable[[np.ndarray], np.ndarray]) -> None:
+        self.answer = answer
+
+    @classmethod
+    def from_spec(cls, spec: PriorSpec) -> Depth:
+        return cls(raises)
+
+    def estimate(self, image: np.ndarray, camera: Camera) -> DepthEstimate:
+        return DepthEstimate(self.answer(np.ascontiguousarray(image[..., 0]) + np.float32(1)), "mine", False)
+
+
+def wrong_kind(image: np.ndarray) -> np.ndarray:
+    raise IndexError("index 3 is out of bounds")
+
+
+@pytest.mark.parametrize(
+    ("answer", "words"),
+    [
+        (wrong_kind, "IndexError: index 3"),
+        (lambda image: image[::2, ::2], "depth of shape"),
+        (lambda image: -image, "not positive"),
+    ],
+)
+def test_a_depth_model_that_fails_leaves_the_extended_depth(
+    answer: Callable[[np.ndarray], np.ndarray], words: str
+) -> None:
+    invented = canvas_with(Outpainter(lambda image: image), Depth(answer))
+    without = canvas_with(Outpainter(lambda image: image))
+    np.testing.assert_array_equal(invented.depth, without.depth)
+    assert "because mine failed" in invented.margin_depth
+    assert words in invented.margin_depth
 
 
 def test_a_repair_of_which_nothing_may_be_inserted() -> None:
