@@ -74,14 +74,17 @@ class Worker:
         self._pipe: Connection | None = None
         self._served: list[str] = []
         self._died = False
-        self._log = tempfile.NamedTemporaryFile(prefix="stability-", suffix=".log")  # noqa: SIM115 - closed in close()
+        # What a job leaves behind when it is killed lies in here too.
+        self._scratch = tempfile.TemporaryDirectory(prefix="stability-", ignore_cleanup_errors=True)
+        self._log = Path(self._scratch.name) / "printed.log"
+        self._log.touch()
 
     def __enter__(self) -> Self:
         return self
 
     def __exit__(self, *_: object) -> None:
         self._end()
-        self._log.close()
+        self._scratch.cleanup()
 
     def run(self, job: Job) -> Report:
         """Do a job, within the limits."""
@@ -99,7 +102,7 @@ class Worker:
         process, self._died = self._process, False
         if process is None:
             raise RuntimeError("the worker has no process")
-        mark = os.path.getsize(self._log.name)
+        mark = self._log.stat().st_size
         pipe.send(job)
         spent, peak, before = 0.0, _resident_mb(process.pid), time.monotonic()
         worked = _cpu_seconds(process.pid)
@@ -140,7 +143,7 @@ class Worker:
             process.join(10)
         code = None if process is None else process.exitcode
         how = f"killed by {signal.Signals(-code).name}" if code is not None and code < 0 else f"exit code {code}"
-        with open(self._log.name, "rb") as log:
+        with self._log.open("rb") as log:
             log.seek(mark)
             words = " ".join(log.read().decode(errors="replace").split())
         self._end()
@@ -151,7 +154,7 @@ class Worker:
         if self._pipe is None:
             context = multiprocessing.get_context("spawn")
             self._pipe, theirs = context.Pipe()
-            self._process = context.Process(target=_serve, args=(theirs, self._log.name), daemon=True)
+            self._process = context.Process(target=_serve, args=(theirs, self._log), daemon=True)
             self._process.start()
             theirs.close()  # so that a dead child is the end of the pipe
             self._pipe.recv()  # its imports are no part of the first job
@@ -168,10 +171,11 @@ class Worker:
         self._served = []
 
 
-def _serve(pipe: Connection, log: str) -> None:
+def _serve(pipe: Connection, log: Path) -> None:
     """The child: jobs in, results out, until the pipe ends. What is printed, by C code too, goes to the log."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the parent's affair
-    with open(log, "ab") as file:
+    tempfile.tempdir = str(log.parent)
+    with log.open("ab") as file:
         os.dup2(file.fileno(), 1)
         os.dup2(file.fileno(), 2)
     faulthandler.enable(sys.__stderr__ or 2)
