@@ -66,9 +66,20 @@ def _add_reconstruct(verbs: argparse._SubParsersAction[argparse.ArgumentParser])
     verb.add_argument(
         "--lifting", choices=("metric", "relative"), help="how depth becomes geometry (default: preset's)"
     )
+    _add_growth(verb)
     _add_priors(verb)
     verb.add_argument("--seed", type=int, default=0, help="of every random draw (default: 0)")
     _add_path(verb, "spiral")
+
+
+def _add_growth(verb: argparse.ArgumentParser) -> None:
+    text = "grow anchors where the fit errs until the input view is reproduced this well"
+    verb.add_argument("--target-psnr", metavar="DB", type=float, help=text)
+    text = "grow to this many anchors at most (what repair inserts comes on top)"
+    verb.add_argument("--max-anchors", metavar="N", type=int, help=text)
+    text = "grow until a thousand more anchors gain less than this many dB\n"
+    text += "(default: none of the three, the preset's count at once)"
+    verb.add_argument("--price", metavar="DB", type=float, help=text)
 
 
 def _add_priors(verb: argparse.ArgumentParser) -> None:

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from orca.atomic import atomic_path, output_folder
+from orca.atomic import atomic_path, drop_unfinished, output_folder
 from orca.camera import Camera
 from orca.compilation import told_of_compilation
 from orca.config import ReconstructConfig, get_preset
@@ -43,6 +43,7 @@ def reconstruct(arguments: argparse.Namespace) -> Answer:
     check_device(arguments.device)
     image = to_float(load_image(arguments.image))
     folder = output_folder(arguments.out)
+    drop_unfinished(folder)
     started = time.perf_counter()
     access = ModelAccess(arguments.weights_dir, arguments.local_files_only, arguments.device)
     priors, provider = Priors.of(config, access, arguments.seed), _depth_provider(arguments, access)
@@ -73,7 +74,7 @@ def reconstruct(arguments: argparse.Namespace) -> Answer:
     seconds = {**seconds, **result.record["seconds"], "preview": time.perf_counter() - started}
     _write_json(folder / "ledger.json", result.ledger)
     write_ledger_picture(scene, cameras, result.ledger, folder / "ledger.png")
-    _write_json(folder / "config.json", {**config.to_json(), "run": facts})
+    _write_json(folder / "config.json", {**config.to_json(), "run": {**facts, "growth": result.record["growth"]}})
     _write_json(folder / "timings.json", {"schema_version": 1, "seconds": seconds, "record": result.record})
     return _reconstruct_answer(scene, result.record, seconds, folder, depth, holes)
 
@@ -132,6 +133,8 @@ def _config(arguments: argparse.Namespace) -> ReconstructConfig:
     config = get_preset(arguments.preset)
     if arguments.lifting is not None:
         config = config.with_lifting(arguments.lifting)
+    limits = {"target_psnr": arguments.target_psnr, "max_anchors": arguments.max_anchors, "price": arguments.price}
+    config = replace(config, growth=replace(config.growth, **limits))
     if arguments.outpainter is not None:
         config = replace(config, canvas=replace(config.canvas, outpainter=arguments.outpainter))
     if arguments.inpainter is not None:
@@ -210,6 +213,7 @@ def _reconstruct_answer(
     stages = ", ".join(f"{count} {stage}" for stage, count in record["anchors"].items())
     lines = [
         f"anchors     {scene.num_anchors} ({stages})",
+        f"stopped at  {record['growth']['stopped']}",
         f"input PSNR  {psnr['final']:.2f} dB",
         "seconds     " + ", ".join(f"{stage} {value:.1f}" for stage, value in seconds.items()),
         f"depth       {depth.source}" + ("" if depth.is_metric else ", not metric"),

@@ -7,10 +7,11 @@ Defaults are those of the `draft` preset unless a comment says otherwise.
 from __future__ import annotations
 
 import difflib
+import math
 from dataclasses import asdict, dataclass, field, replace
 from typing import Any, Literal
 
-from orca.errors import Unknown
+from orca.errors import BadInput, Unknown
 from orca.priors.diffusion_config import DiffusionConfig
 from orca.repair.generative_config import GenerativeConfig
 from orca.repair.rules import RepairRules
@@ -19,6 +20,7 @@ __all__ = [
     "PRESETS",
     "CanvasConfig",
     "DeformConfig",
+    "GrowthConfig",
     "HashConfig",
     "PlacementConfig",
     "PlanarConfig",
@@ -162,6 +164,43 @@ class PlanarConfig:
 
 
 @dataclass(frozen=True)
+class GrowthConfig:
+    """Growth by residual, and when it stops (O). Without target, count and price there is none.
+
+    Attributes:
+        target_psnr: grow until the input view is reproduced this well, in dB.
+        max_anchors: grow to at most so many anchors, margin included; what repair inserts comes on top.
+        price: grow until a thousand more anchors gain less than this, in dB: what anchors cost, in bytes as in
+            seconds, grows with their number, so a gain per anchor is what can be weighed against it.
+        start_per_pixel: anchors at the start per pixel of the original.
+        growth: how many times more anchors a round ends with, at most.
+        solver_steps: Gauss-Newton steps of a round, warm started; the first takes twice as many.
+        min_gain_db, patience: stop after so many rounds that gain less (P: 0.03 dB, 4 evaluations).
+    """
+
+    target_psnr: float | None = None
+    max_anchors: int | None = None
+    price: float | None = None
+    start_per_pixel: float = 0.0625
+    growth: float = 1.3
+    solver_steps: int = 1
+    min_gain_db: float = 0.03
+    patience: int = 4
+
+    def __post_init__(self) -> None:
+        """Raises `BadInput` for limits that are not positive and finite."""
+        for name in ("target_psnr", "max_anchors", "price"):
+            value = getattr(self, name)
+            if value is not None and not (0 < value < math.inf):
+                raise BadInput(f"{name} {value}", "a positive, finite number", "give another one, or leave it out")
+
+    @property
+    def wanted(self) -> bool:
+        """Whether to grow at all."""
+        return not (self.target_psnr is None and self.max_anchors is None and self.price is None)
+
+
+@dataclass(frozen=True)
 class DeformConfig:
     """Stage 2.
 
@@ -233,6 +272,8 @@ class ReconstructConfig:
     train: TrainConfig = field(default_factory=TrainConfig)
     canvas: CanvasConfig = field(default_factory=CanvasConfig)
     planar: PlanarConfig = field(default_factory=PlanarConfig)
+    growth: GrowthConfig = field(default_factory=GrowthConfig)
+    prune: bool = True  # O: leave out the anchors that no view of the trajectory reaches
     deform: DeformConfig = field(default_factory=DeformConfig)
     repair: RepairConfig = field(default_factory=RepairConfig)
     diffusion: DiffusionConfig = field(default_factory=DiffusionConfig)

@@ -29,15 +29,15 @@ from orca.repair.loop import repair
 from orca.scene import Scene
 from orca.stages.canvas import Canvas, make_canvas
 from orca.stages.deform import cleaned_depth, deform, log_depth_slopes, sample_depth
-from orca.stages.observations import Observation, observations
+from orca.stages.growth import grow
+from orca.stages.observations import MARGIN_RESOLUTION, Observation, observations
 from orca.stages.planar import PlanarGrid, place, planar_anchors, rest_positions
+from orca.stages.prune import reached
 from orca.stages.rims import shrink_rims
-from orca.stages.solve import solve_colours
+from orca.stages.solve import solve_colours, with_colours
 from orca.stages.train import TrainPlan, train
 
 __all__ = ["Reconstruction", "reconstruct"]
-
-_MARGIN_RESOLUTION = 4.0  # the outpainted margin is blurred; its anchors need no finer observations than this
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,16 +110,17 @@ def reconstruct(
     canvas = make_canvas(image, depth.depth, camera, trajectory, config.canvas, priors.outpainter, priors.depth)
     failed = {"outpainter_failed": canvas.note} if canvas.note else {}
     run.record["priors"] = {**priors.to_json(), "margin_depth": canvas.margin_depth, **failed}
-    grid = place(canvas, config.planar)
-    observed = observations(canvas, _MARGIN_RESOLUTION)
+    observed = observations(canvas, MARGIN_RESOLUTION)
     run.timed("canvas", started)
 
     started = time.perf_counter()
-    planar, decoders, encoding = _stage_planar(canvas, grid, observed, run)
+    grid, colours = _placed(canvas, observed, run)
+    planar, decoders, encoding = _stage_planar(canvas, grid, colours, observed, run)
     run.timed("planar", started)
 
     started = time.perf_counter()
     lifted = _stage_deform(planar, decoders, encoding, canvas, grid, observed, run)
+    lifted = _pruned(lifted, decoders, (camera, *trajectory), run)
     run.timed("deform", started)
 
     started = time.perf_counter()
@@ -158,8 +159,31 @@ def _check(image: Float32Array, camera: Camera, depth: DepthEstimate, trajectory
         raise BadInput("an input camera that is not at the origin", "the identity pose", "move the trajectory instead")
 
 
+def _placed(canvas: Canvas, observed: Sequence[Observation], run: _Run) -> tuple[PlanarGrid, Float32Array | None]:
+    """Where the anchors sit: the preset's count at once, or grown as far as target, count or price ask for.
+
+    Growth judges the fit at the scene's depth; the colours that it ended with come back too.
+    """
+    config = run.config
+    if not config.growth.wanted:
+        run.record["growth"] = {"stopped": "the preset's count, placed at once", "curve": []}
+        return place(canvas, config.planar), None
+    depth = cleaned_depth(canvas.depth, config.deform)
+    growth = grow(
+        canvas,
+        observed,
+        lambda grid: _lift(planar_anchors(canvas, grid, config.planar), grid, depth, canvas, config),
+        config.planar,
+        config.render,
+        config.growth,
+        lambda done, total: run.progress("growth", done, total),
+    )
+    run.record["growth"] = growth.to_json()
+    return growth.grid, growth.colours
+
+
 def _stage_planar(
-    canvas: Canvas, grid: PlanarGrid, observed: Sequence[Observation], run: _Run
+    canvas: Canvas, grid: PlanarGrid, colours: Float32Array | None, observed: Sequence[Observation], run: _Run
 ) -> tuple[GaussianAnchors, Decoders, HashEncoding | None]:
     """Stage 1: planar anchors fitted to the original and the outpainted image.
 
@@ -174,6 +198,7 @@ def _stage_planar(
         encoding = HashEncoding(rest_positions(canvas, grid), config.hash, run.generator)
     if planar.initialisation == "closed_form":
         decoders = analytic_decoders(planar.density, run.generator)
+        anchors = anchors if colours is None else with_colours(anchors, colours)
         anchors = solve_colours(anchors, decoders, observed, planar, config.render)
     else:
         anchors = anchors.with_features(torch.zeros_like(anchors.features))
@@ -200,10 +225,7 @@ def _stage_deform(
     config = run.config
     run.progress("depth deformation", 0, 1)
     depth = cleaned_depth(canvas.depth, config.deform)
-    lifted = deform(anchors, depth, canvas.camera, config.deform)
-    if config.planar.initialisation == "closed_form":
-        lifted = _narrow_rims(lifted, grid, depth, canvas, config)
-    lifted = _place(lifted, canvas, run)
+    lifted = _place(_lift(anchors, grid, depth, canvas, config), canvas, run)
     _note_psnr(run, "deformed", lifted, decoders, observed[0])
     if config.planar.initialisation == "closed_form":
         lifted = solve_colours(lifted, decoders, observed, config.planar, config.render)
@@ -231,15 +253,27 @@ def _place(anchors: GaussianAnchors, canvas: Canvas, run: _Run) -> GaussianAncho
     return replace(anchors, means=anchors.means / scale, log_variances=anchors.log_variances - 2 * float(np.log(scale)))
 
 
-def _narrow_rims(
+def _lift(
     anchors: GaussianAnchors, grid: PlanarGrid, depth: Float32Array, canvas: Canvas, config: ReconstructConfig
 ) -> GaussianAnchors:
-    """Anchors beside depth edges that end where the far surface begins."""
+    """Planar anchors at the scene's depth; those beside depth edges end where the far surface begins."""
+    anchors = deform(anchors, depth, canvas.camera, config.deform)
+    if config.planar.initialisation != "closed_form":
+        return anchors
     focal = np.diag(canvas.camera.K)[:2]
     slopes = log_depth_slopes(depth, grid.pixels, canvas.camera, config.deform.max_slope) / focal
     reach = math.sqrt(config.render.chi2) * config.planar.kappa * grid.spacing
     rims = (config.deform.rim_ratio, config.deform.rim_extent, config.deform.rim_clearance)
     return shrink_rims(anchors, grid.pixels, reach, depth, *rims, slopes)
+
+
+def _pruned(anchors: GaussianAnchors, decoders: Decoders, views: Sequence[Camera], run: _Run) -> GaussianAnchors:
+    """Anchors that some view reaches; the views show the same without the others."""
+    if not run.config.prune:
+        return anchors
+    used = reached(Renderer(anchors, decoders.cpu(), run.config.render), views)
+    run.record["pruned"] = int((~used).sum())
+    return anchors.subset(torch.from_numpy(np.flatnonzero(used)))
 
 
 def _train(

@@ -11,7 +11,10 @@ from orca.camera import Camera
 from orca.conventions import Float32Array
 from orca.stages.canvas import Canvas
 
-__all__ = ["Observation", "observations"]
+__all__ = ["MARGIN_RESOLUTION", "Observation", "observations"]
+
+MARGIN_RESOLUTION = 4.0
+"""The outpainted margin is blurred; its anchors need no finer observations than this spacing in pixels."""
 
 
 @dataclass(frozen=True, eq=False)

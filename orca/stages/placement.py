@@ -123,7 +123,7 @@ def _merits(
     sizes: Sequence[int],
     config: PlacementConfig,
 ) -> list[Float64Array]:
-    """What splitting each cell of each size but the last gains, or the best gain that it makes possible further down."""
+    """What splitting each cell of each size but the last gains, or the best gain that it makes possible below."""
     errors = [_error(image, size) * importance for size in sizes[:-1]] + [np.zeros_like(importance)]
     gains = [np.maximum(_cell_sums(errors[i] - errors[i + 1], sizes[i]), 0) for i in range(len(sizes) - 1)]
     gains[-1] = gains[-1] + _cell_sums(edge_error(image, depth, config) * importance, sizes[-2])

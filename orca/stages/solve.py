@@ -21,7 +21,7 @@ from orca.stages.linear import LinearView, linear_view
 from orca.stages.normal import NormalEquations, conjugate_gradients
 from orca.stages.observations import Observation
 
-__all__ = ["solve_colours"]
+__all__ = ["predicted", "refine", "solve_colours", "with_colours"]
 
 _DAMPING = 1e-4  # keeps anchors that no pixel determines where they are
 
@@ -37,13 +37,26 @@ def solve_colours(
 
     Starts from what the anchors carry; a fresh set (all zero) starts from the local mean of the target logits.
     """
-    renderer = Renderer(anchors, decoders, render)
-    view = linear_view(renderer, *observed)
+    view = linear_view(Renderer(anchors, decoders, render), *observed)
     colours = anchors.features[:, :COLOUR_CHANNELS].numpy().copy()
-    if not colours.any():
-        colours = _local_means(view, planar.colour_clip)
-    for _ in range(planar.gauss_newton_steps):
+    return with_colours(anchors, refine(view, colours if colours.any() else None, planar, planar.gauss_newton_steps))
+
+
+def refine(view: LinearView, colours: Float32Array | None, planar: PlanarConfig, steps: int) -> Float32Array:
+    """Colour logits [N, 3] after some Gauss-Newton steps from those given, or from the local mean of the target's."""
+    colours = _local_means(view, planar.colour_clip) if colours is None else colours
+    for _ in range(steps):
         colours = _gauss_newton(view, colours, planar)
+    return colours
+
+
+def predicted(view: LinearView, colours: Float32Array) -> Float32Array:
+    """What the rays see of anchors with these colour logits, [R, 3]."""
+    return view.gather(_sigmoid(view.weights.times(colours)))
+
+
+def with_colours(anchors: GaussianAnchors, colours: Float32Array) -> GaussianAnchors:
+    """Anchors that carry these colour logits [N, 3]."""
     features = anchors.features.clone()
     features[:, :COLOUR_CHANNELS] = torch.from_numpy(colours)
     return anchors.with_features(features)
