@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from functools import lru_cache
-from typing import Any, Generic, ParamSpec, TypeVar
+from typing import Any, Concatenate, Generic, ParamSpec, TypeVar
 
 import numba
 import torch
@@ -20,39 +20,41 @@ P = ParamSpec("P")
 R = TypeVar("R")
 T = TypeVar("T")
 
+_PIECES = 4  # of a range, a core: so that none waits long for another
+
 _mode = threading.local()
 
 
-class Kernel(Generic[P, R]):
-    """A numba function in two builds: one that uses all cores, one that uses none but the caller's.
+class Kernel(Generic[P]):
+    """A compiled loop over a range, its pieces shared between the cores.
 
-    The second is for many small calls at once (see `map_on_cores`): a parallel region costs a round of waiting for
-    every core, which on small work, or on a busy machine, is more than the work itself.
+    The function is ``f(first, end, *args)`` and writes what belongs to ``first`` to ``end`` (excluded) into arrays that
+    it is given; the kernel is called with the length of the whole range in their place. It is compiled once, without
+    numba's own threads: those double the time that compilation takes, and small work waits longer for them than it
+    lasts.
     """
 
-    def __init__(self, function: Callable[P, R], options: dict[str, Any]) -> None:
-        self._parallel = numba.njit(parallel=True, cache=True, **options)(function)
-        self._serial = numba.njit(nogil=True, cache=True, **options)(_twin(function))
+    def __init__(self, function: Callable[Concatenate[int, int, P], None], options: dict[str, Any]) -> None:
+        self._compiled = numba.njit(nogil=True, cache=True, **options)(function)
         self.__doc__ = function.__doc__
 
-    def __call__(self, *args: P.args, **kwargs: P.kwargs) -> R:
-        chosen = self._serial if in_serial_mode() else self._parallel
-        out: R = chosen(*args, **kwargs)
-        return out
+    def __call__(self, count: int, *args: P.args, **kwargs: P.kwargs) -> None:
+        """Run the loop from 0 to ``count``; inside a worker of `map_on_cores`, on that core alone."""
+        workers = numba.get_num_threads()
+        if in_serial_mode() or workers == 1 or count < 2:
+            self._compiled(0, count, *args)
+            return
+        step = -(-count // min(count, _PIECES * workers))
+        jobs = (
+            _pool(workers).submit(self._compiled, first, min(count, first + step), *args)
+            for first in range(0, count, step)
+        )
+        for job in list(jobs):
+            job.result()
 
 
-def _twin(function: Callable[P, R]) -> Callable[P, R]:
-    """A copy of a function under another name, so that numba's cache keeps the two builds apart."""
-    from types import FunctionType
-
-    name = function.__name__ + "_serial"
-    twin = FunctionType(function.__code__, function.__globals__, name, function.__defaults__, function.__closure__)
-    twin.__qualname__, twin.__module__ = name, function.__module__
-    return twin
-
-
-def kernel(**options: Any) -> Callable[[Callable[P, R]], Kernel[P, R]]:
-    """Decorate a function that uses `numba.prange`; ``options`` go to `numba.njit`."""
+def kernel(**options: Any) -> Callable[[Callable[Concatenate[int, int, P], None]], Kernel[P]]:
+    """Decorate the function of a `Kernel`; ``options`` go to `numba.njit`."""
     return lambda function: Kernel(function, options)
 
 

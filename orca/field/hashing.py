@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import numba
 import numpy as np
 import torch
 from numpy.typing import NDArray
@@ -85,24 +84,33 @@ class _Interpolate(torch.autograd.Function):
     def forward(ctx: FunctionCtx, table: Tensor, rows: Tensor, weights: Tensor, index: Tensor) -> Tensor:
         ctx.save_for_backward(rows, weights, index)
         ctx.size = table.shape  # type: ignore[attr-defined]
-        return torch.from_numpy(_interpolate(table.detach().numpy(), rows.numpy(), weights.numpy(), index.numpy()))
+        out = torch.empty(len(index), rows.shape[1] * table.shape[1])
+        arrays = (x.detach().numpy() for x in (table, rows, weights, index, out))
+        _interpolate(len(index), *arrays)
+        return out
 
     @staticmethod
     def backward(ctx: FunctionCtx, grad: Tensor) -> tuple[Tensor, None, None, None]:
         rows, weights, index = ctx.saved_tensors  # type: ignore[attr-defined]
         out = torch.zeros(ctx.size)  # type: ignore[attr-defined]
-        _spread(grad.contiguous().numpy(), rows.numpy(), weights.numpy(), index.numpy(), out.numpy())
+        arrays = (x.numpy() for x in (grad.contiguous(), rows, weights, index, out))
+        _spread(rows.shape[1], *arrays)
         return out, None, None, None
 
 
 @kernel(error_model="numpy")
 def _interpolate(
-    table: Float32Array, rows: NDArray[np.int32], weights: Float32Array, index: NDArray[np.int64]
-) -> Float32Array:
+    first: int,
+    end: int,
+    table: Float32Array,
+    rows: NDArray[np.int32],
+    weights: Float32Array,
+    index: NDArray[np.int64],
+    out: Float32Array,
+) -> None:
     """Features [n, levels * C] of the anchors ``index`` [n], from table rows [N, levels, 4]."""
     levels, corners, width = rows.shape[1], rows.shape[2], table.shape[1]
-    out = np.empty((len(index), levels * width), np.float32)
-    for j in numba.prange(len(index)):
+    for j in range(first, end):
         i = index[j]
         for level in range(levels):
             for c in range(width):
@@ -110,20 +118,21 @@ def _interpolate(
                 for k in range(corners):
                     total += weights[i, level, k] * table[rows[i, level, k], c]
                 out[j, level * width + c] = total
-    return out
 
 
 @kernel(error_model="numpy")
 def _spread(
+    first: int,
+    end: int,
     grad: Float32Array,
     rows: NDArray[np.int32],
     weights: Float32Array,
     index: NDArray[np.int64],
     out: Float32Array,
 ) -> None:
-    """The transpose of `_interpolate`, added to ``out``. Levels share no row, so each is one core's own."""
-    levels, corners, width = rows.shape[1], rows.shape[2], out.shape[1]
-    for level in numba.prange(levels):
+    """The transpose of `_interpolate` for some levels, added to ``out``: levels share no row, so none waits."""
+    corners, width = rows.shape[2], out.shape[1]
+    for level in range(first, end):
         for j in range(len(index)):
             i = index[j]
             for k in range(corners):

@@ -16,7 +16,6 @@ outline is a hyperbola); it is rare, and tested pixel by pixel.
 
 from __future__ import annotations
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
@@ -29,7 +28,6 @@ __all__ = ["NUM_CONIC", "project_anchors"]
 NUM_CONIC = 13
 
 
-@kernel()
 def project_anchors(
     means: Float32Array,  # [N, 3]
     whitening: Float32Array,  # [N, 3, 3]
@@ -41,12 +39,30 @@ def project_anchors(
     near: float,
 ) -> tuple[Float64Array, NDArray[np.int32], NDArray[np.uint8]]:
     """Conic table [N, 13], pixel boxes [N, 4] (x0, y0, x1, y1; empty when x1 <= x0); 1 where the camera is inside."""
-    n = means.shape[0]
-    conic = np.empty((n, NUM_CONIC))
-    box = np.zeros((n, 4), np.int32)
-    inside = np.zeros(n, np.uint8)
+    n = len(means)
+    conic, box, inside = np.empty((n, NUM_CONIC)), np.zeros((n, 4), np.int32), np.zeros(n, np.uint8)
+    _project(n, means, whitening, pose, K, pixel_to_ray, size, chi2, near, conic, box, inside)
+    return conic, box, inside
+
+
+@kernel()
+def _project(
+    first: int,
+    end: int,
+    means: Float32Array,
+    whitening: Float32Array,
+    pose: Float64Array,
+    K: Float64Array,
+    pixel_to_ray: Float64Array,
+    size: tuple[int, int],
+    chi2: float,
+    near: float,
+    conic: Float64Array,
+    box: NDArray[np.int32],
+    inside: NDArray[np.uint8],
+) -> None:
     width, height = size
-    for i in numba.prange(n):
+    for i in range(first, end):
         mx, my, mz = float(means[i, 0]), float(means[i, 1]), float(means[i, 2])
         cx = pose[0, 0] * mx + pose[0, 1] * my + pose[0, 2] * mz + pose[0, 3]
         cy = pose[1, 0] * mx + pose[1, 1] * my + pose[1, 2] * mz + pose[1, 3]
@@ -94,4 +110,3 @@ def project_anchors(
         box[i, 2] = int(np.floor(min(max(px + ox + rx - 0.5, -1.0), width - 1.0))) + 1
         box[i, 1] = int(np.ceil(min(max(py + oy - ry - 0.5, 0.0), float(height))))
         box[i, 3] = int(np.floor(min(max(py + oy + ry - 0.5, -1.0), height - 1.0))) + 1
-    return conic, box, inside

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from orca.camera import Camera
-from orca.conventions import Float32Array
+from orca.conventions import Float32Array, Float64Array
 from orca.splats.model import Splats
 from orca.splats.raster import DILATION, MAX_ALPHA, MIN_ALPHA, project, rasterise
 from orca.threads import kernel
@@ -71,9 +71,9 @@ def loss_and_gradient(
     Returns:
         The loss and [N, 5]: half the gradient for red, green, blue, opacity and growth.
     """
-    parts, losses = _sweep(
-        view.start, view.splat, view.centre, view.covariance, view.width, target, colours, opacities, growth
-    )
+    footprint = (view.start, view.splat, view.centre, view.covariance, view.width)
+    losses, parts = np.zeros(_BANDS), np.zeros((_BANDS, len(colours), _COLUMNS), np.float32)
+    _sweep(_BANDS, *footprint, target, colours, opacities, growth, losses, parts)
     return float(losses.sum()), parts.sum(axis=0)
 
 
@@ -92,6 +92,8 @@ def _falloff(covariance: Float32Array, growth: float, dx: float, dy: float) -> t
 
 @kernel(fastmath=True)
 def _sweep(
+    first: int,
+    last: int,
     start: NDArray[np.int64],
     splat: NDArray[np.int32],
     centre: Float32Array,
@@ -101,14 +103,14 @@ def _sweep(
     colour: Float32Array,
     opacity: Float32Array,
     growth: Float32Array,
-) -> tuple[Float32Array, NDArray[np.float64]]:
+    losses: Float64Array,
+    gradient: Float32Array,
+) -> None:
     pixels = start.shape[0] - 1
     most = 0
     for p in range(pixels):
         most = max(most, start[p + 1] - start[p])
-    gradient = np.zeros((_BANDS, colour.shape[0], _COLUMNS), np.float32)
-    losses = np.zeros(_BANDS)
-    for band in numba.prange(_BANDS):
+    for band in range(first, last):
         alpha, through = np.empty(most, np.float32), np.empty(most, np.float32)
         falloff, slope = np.empty(most, np.float32), np.empty(most, np.float32)
         grad = gradient[band]
@@ -148,4 +150,3 @@ def _sweep(
                 behind += weight * along
                 grad[i, 3] += by_alpha * falloff[j]
                 grad[i, 4] += by_alpha * alpha[j] * slope[j]
-    return gradient, losses

@@ -43,7 +43,8 @@ def view_splats(splats: Splats, camera: Camera) -> SplatView:
     order = _front_to_back(depth, reach, pixels, conic)
     bands = _bands(pixels, conic, reach, order, camera.width, camera.height)
     size = (camera.width, camera.height)
-    out = _compose(pixels, conic, depth, reach, splats.opacities, splats.colours, bands, size)
+    out = np.zeros((camera.width * camera.height, 5), np.float32)
+    _compose(len(bands[0]) - 1, pixels, conic, depth, reach, splats.opacities, splats.colours, bands, size, out)
     alpha = np.minimum(out[:, 3], 1)
     with np.errstate(invalid="ignore", divide="ignore"):
         expected = np.where(alpha > 0, out[:, 4] / out[:, 3], 0).astype(np.float32)
@@ -105,6 +106,8 @@ def _bands(
 
 @kernel()
 def _compose(
+    first: int,
+    last: int,
     pixels: Float64Array,
     conic: Float64Array,
     depth: Float64Array,
@@ -113,12 +116,12 @@ def _compose(
     colour: Float32Array,
     bands: tuple[NDArray[np.int64], NDArray[np.int64]],
     size: tuple[int, int],
-) -> Float32Array:
+    out: Float32Array,
+) -> None:
     """Front-to-back composition, [P, 5] as rgb over black, accumulated alpha, and depth times alpha."""
     offset, member = bands
     width, height = size
-    out = np.zeros((width * height, 5), np.float32)
-    for band in numba.prange(offset.shape[0] - 1):
+    for band in range(first, last):
         top, bottom = band * _BAND_ROWS, min(height, (band + 1) * _BAND_ROWS)
         through = np.ones(((bottom - top) * width), np.float32)
         for k in range(offset[band], offset[band + 1]):
@@ -144,4 +147,3 @@ def _compose(
                     row[3] += weight
                     row[4] += weight * np.float32(depth[i])
                     through[p] *= np.float32(1) - alpha
-    return out

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
@@ -36,11 +35,15 @@ class LinearView:
 
     def gather(self, samples: Float32Array) -> Float32Array:
         """What the rays see of samples [S, 3]: sum T alpha x, [R, 3]."""
-        return np.asarray(_gather(self.start, self.share, samples), np.float32)
+        out = np.zeros((len(self.start) - 1, samples.shape[1]), np.float32)
+        _gather(len(out), self.start, self.share, samples, out)
+        return out
 
     def scatter(self, rays: Float32Array) -> Float32Array:
         """The transpose of `gather`: [R, 3] to [S, 3]."""
-        return np.asarray(_scatter(self.start, self.share, rays), np.float32)
+        out = np.empty((len(self.share), rays.shape[1]), np.float32)
+        _scatter(len(rays), self.start, self.share, rays, out)
+        return out
 
 
 def linear_view(renderer: Renderer, *observed: Observation) -> LinearView:
@@ -67,15 +70,21 @@ def _rows(renderer: Renderer, observation: Observation) -> _Rows:
     gaps = (config.layer_gap_sigmas, config.layer_gap_relative)
     layered, window = config.decode == "layered", config.window
     values = (hits.t_hit, hits.m2, hits.precision)
-    sample_start, entry_start = _count(start, count, hits.t_hit, hits.precision, gaps, layered, window)
-    filled = _fill(
-        start, count, hits.anchor, values, renderer.opacity, gaps, layered, window, sample_start, entry_start
-    )
-    return (sample_start, *filled)
+    rays = len(start)
+    offsets = np.zeros(rays + 1, np.int64), np.zeros(rays + 1, np.int64)
+    _count(rays, start, count, hits.t_hit, hits.precision, gaps, layered, window, *offsets)
+    samples, entries = (np.cumsum(counts, out=counts)[-1] for counts in offsets)
+    indptr, a_hat = np.full(samples + 1, entries), np.empty(samples, np.float32)
+    column, weight = np.empty(entries, np.int32), np.empty(entries, np.float32)
+    rules = (gaps, layered, window)
+    _fill(rays, start, count, hits.anchor, values, renderer.opacity, *rules, offsets, indptr, column, weight, a_hat)
+    return offsets[0], indptr, column, weight, a_hat
 
 
 @kernel()
 def _count(
+    first: int,
+    last: int,
     start: NDArray[np.int64],
     count: NDArray[np.int32],
     t: Float32Array,
@@ -83,32 +92,30 @@ def _count(
     gaps: tuple[float, float],
     layered: bool,
     window: int,
-) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Offsets of each ray's samples and of their weights, both [R + 1]."""
-    rays = len(start)
-    samples, entries = np.zeros(rays + 1, np.int64), np.zeros(rays + 1, np.int64)
-    for r in numba.prange(rays):
+    samples: NDArray[np.int64],
+    entries: NDArray[np.int64],
+) -> None:
+    """How many samples each ray has and how many weights they have; those of ray r at r + 1, [R + 1]."""
+    for r in range(first, last):
         low, end = start[r], start[r] + count[r]
         k, n, total = low, 0, 0
         while k < end:
             if layered or window < 0:
-                last = layer_end(t, precision, k, end, gaps)
-                n += 1 if layered else last - k
-                total += last - k if layered else (last - k) * (last - k)
-                k = last
+                after = layer_end(t, precision, k, end, gaps)
+                n += 1 if layered else after - k
+                total += after - k if layered else (after - k) * (after - k)
+                k = after
             else:
                 n += 1
                 total += min(end, k + window + 1) - max(low, k - window)
                 k += 1
         samples[r + 1], entries[r + 1] = n, total
-    for r in range(rays):
-        samples[r + 1] += samples[r]
-        entries[r + 1] += entries[r]
-    return samples, entries
 
 
 @kernel()
 def _fill(
+    first: int,
+    last: int,
     start: NDArray[np.int64],
     count: NDArray[np.int32],
     anchor: NDArray[np.int32],
@@ -117,16 +124,16 @@ def _fill(
     gaps: tuple[float, float],
     layered: bool,
     window: int,
-    sample_start: NDArray[np.int64],
-    entry_start: NDArray[np.int64],
-) -> tuple[NDArray[np.int64], NDArray[np.int32], Float32Array, Float32Array]:
+    offsets: tuple[NDArray[np.int64], NDArray[np.int64]],  # of each ray's samples, and of their weights
+    indptr: NDArray[np.int64],
+    column: NDArray[np.int32],
+    weight: Float32Array,
+    a_hat: Float32Array,
+) -> None:
     """Weights of every sample over its hits as the three arrays of a CSR matrix, and a^ of every sample."""
     t, m2, precision = values
-    total, entries = sample_start[-1], entry_start[-1]
-    indptr, a_hat = np.empty(total + 1, np.int64), np.empty(total, np.float32)
-    column, weight = np.empty(entries, np.int32), np.empty(entries, np.float32)
-    indptr[total] = entries
-    for r in numba.prange(len(start)):
+    sample_start, entry_start = offsets
+    for r in range(first, last):
         s, at = sample_start[r], entry_start[r]
         begin, end = start[r], start[r] + count[r]
         k, low, high = begin, begin, begin
@@ -150,37 +157,42 @@ def _fill(
             indptr[s], a_hat[s] = at, a_sum / norm
             s, at = s + 1, at + high - low
             k = high if layered else k + 1
-    return indptr, column, weight, a_hat
 
 
-@kernel()
 def _shares(start: NDArray[np.int64], sigma: Float32Array, opacity: Float32Array) -> Float32Array:
     """T alpha of every sample, [S]: how much of its pixel a sample makes up."""
     out = np.empty(start[-1], np.float32)
-    for r in numba.prange(len(start) - 1):
+    _composite(len(start) - 1, start, sigma, opacity, out)
+    return out
+
+
+@kernel()
+def _composite(
+    first: int, end: int, start: NDArray[np.int64], sigma: Float32Array, opacity: Float32Array, out: Float32Array
+) -> None:
+    for r in range(first, end):
         transmittance = np.float32(1)
         for s in range(start[r], start[r + 1]):
             through = np.exp(-sigma[s] * opacity[s])
             out[s] = transmittance * (np.float32(1) - through)
             transmittance *= through
-    return out
 
 
 @kernel()
-def _gather(start: NDArray[np.int64], share: Float32Array, samples: Float32Array) -> Float32Array:
-    out = np.zeros((len(start) - 1, samples.shape[1]), np.float32)
-    for r in numba.prange(len(start) - 1):
+def _gather(
+    first: int, end: int, start: NDArray[np.int64], share: Float32Array, samples: Float32Array, out: Float32Array
+) -> None:
+    for r in range(first, end):
         for s in range(start[r], start[r + 1]):
             for c in range(samples.shape[1]):
                 out[r, c] += share[s] * samples[s, c]
-    return out
 
 
 @kernel()
-def _scatter(start: NDArray[np.int64], share: Float32Array, rays: Float32Array) -> Float32Array:
-    out = np.empty((start[-1], rays.shape[1]), np.float32)
-    for r in numba.prange(len(start) - 1):
+def _scatter(
+    first: int, end: int, start: NDArray[np.int64], share: Float32Array, rays: Float32Array, out: Float32Array
+) -> None:
+    for r in range(first, end):
         for s in range(start[r], start[r + 1]):
             for c in range(rays.shape[1]):
                 out[s, c] = share[s] * rays[r, c]
-    return out

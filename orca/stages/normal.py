@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
@@ -33,13 +32,18 @@ class NormalEquations:
     def times(self, x: Float32Array) -> Float32Array:
         """Product with [N, 3], in two sweeps over the weights."""
         weights, view = self.view.weights, self.view
-        back = _through_rays(*weights.rows, view.start, view.share, self.slope, x)
-        return np.asarray(_to_anchors(*weights.columns, back, x, self.damping), np.float32)
+        back, out = np.empty((len(view.share), 3), np.float32), np.empty_like(x)
+        _through_rays(len(view.start) - 1, *weights.rows, view.start, view.share, self.slope, x, back)
+        _to_anchors(len(x), *weights.columns, back, x, self.damping, out)
+        return out
 
     def diagonal(self) -> Float32Array:
         """Diagonal of each channel, [N, 3], without what two samples of one ray have in common."""
         scale = self.slope * self.view.share[:, None]
-        return np.asarray(_diagonal(*self.view.weights.columns, scale, self.damping), np.float32)
+        columns = self.view.weights.columns
+        out = np.empty((len(columns[0]) - 1, 3), np.float32)
+        _diagonal(len(out), *columns, scale, self.damping, out)
+        return out
 
 
 def conjugate_gradients(
@@ -71,6 +75,8 @@ def _dot(a: Float32Array, b: Float32Array) -> Float32Array:
 
 @kernel(error_model="numpy")
 def _through_rays(
+    first: int,
+    end: int,
     indptr: NDArray[np.int64],
     indices: NDArray[np.int32],
     values: Float32Array,
@@ -78,10 +84,10 @@ def _through_rays(
     share: Float32Array,
     slope: Float32Array,
     x: Float32Array,
-) -> Float32Array:
+    out: Float32Array,
+) -> None:
     """diag(slope) gather^T gather diag(slope) weights x, [S, 3]."""
-    out = np.empty((len(share), 3), np.float32)
-    for r in numba.prange(len(start) - 1):
+    for r in range(first, end):
         red, green, blue = np.float32(0), np.float32(0), np.float32(0)
         for s in range(start[r], start[r + 1]):
             a, b, c = np.float32(0), np.float32(0), np.float32(0)
@@ -97,22 +103,23 @@ def _through_rays(
             out[s, 0] = share[s] * slope[s, 0] * red
             out[s, 1] = share[s] * slope[s, 1] * green
             out[s, 2] = share[s] * slope[s, 2] * blue
-    return out
 
 
 @kernel(error_model="numpy")
 def _to_anchors(
+    first: int,
+    end: int,
     indptr: NDArray[np.int64],
     indices: NDArray[np.int32],
     values: Float32Array,
     samples: Float32Array,
     x: Float32Array,
     damping: float,
-) -> Float32Array:
+    out: Float32Array,
+) -> None:
     """weights^T samples + damping x, [N, 3]."""
-    out = np.empty_like(x)
     keep = np.float32(damping)
-    for j in numba.prange(len(indptr) - 1):
+    for j in range(first, end):
         a, b, c = keep * x[j, 0], keep * x[j, 1], keep * x[j, 2]
         for k in range(indptr[j], indptr[j + 1]):
             w, s = values[k], indices[k]
@@ -120,19 +127,23 @@ def _to_anchors(
             b += w * samples[s, 1]
             c += w * samples[s, 2]
         out[j, 0], out[j, 1], out[j, 2] = a, b, c
-    return out
 
 
 @kernel(error_model="numpy")
 def _diagonal(
-    indptr: NDArray[np.int64], indices: NDArray[np.int32], values: Float32Array, scale: Float32Array, damping: float
-) -> Float32Array:
-    out = np.empty((len(indptr) - 1, 3), np.float32)
-    for j in numba.prange(len(indptr) - 1):
+    first: int,
+    end: int,
+    indptr: NDArray[np.int64],
+    indices: NDArray[np.int32],
+    values: Float32Array,
+    scale: Float32Array,
+    damping: float,
+    out: Float32Array,
+) -> None:
+    for j in range(first, end):
         for c in range(3):
             total = np.float32(damping)
             for k in range(indptr[j], indptr[j + 1]):
                 through = values[k] * scale[indices[k], c]
                 total += through * through
             out[j, c] = total
-    return out

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import numba
 import numpy as np
 import torch
 
@@ -43,24 +42,27 @@ def shrink_rims(
         slopes: d log z / d(pixel) of the surface that each lies on, [N, 2]: what goes deeper along it is not behind.
     """
     slopes = np.zeros_like(pixels) if slopes is None else slopes
-    scale = _scales(pixels, slopes, reach, depth, edge_ratio, clearance)
+    scale = np.ones(len(pixels))
+    _scales(len(pixels), pixels, slopes, reach, depth, edge_ratio, clearance, scale)
     smaller = torch.from_numpy(2 * np.log(np.maximum(scale, least))).float()
     return replace(anchors, log_variances=anchors.log_variances + smaller[:, None])
 
 
 @kernel(error_model="numpy")
 def _scales(
+    first: int,
+    end: int,
     pixels: Float64Array,
     slopes: Float64Array,
     reach: Float64Array,
     depth: Float32Array,
     edge_ratio: float,
     clearance: float,
-) -> Float64Array:
+    out: Float64Array,
+) -> None:
     """Distance to the nearest pixel centre that lies behind each anchor, less the clearance, over its reach, [N]."""
     height, width = depth.shape
-    out = np.ones(len(pixels))
-    for i in numba.prange(len(pixels)):
+    for i in range(first, end):
         x, y, r = pixels[i, 0], pixels[i, 1], reach[i]
         own = depth[min(max(int(y), 0), height - 1), min(max(int(x), 0), width - 1)]
         nearest = (r + clearance) ** 2
@@ -72,4 +74,3 @@ def _scales(
                     if depth[row, column] > edge_ratio * own * np.exp(along):
                         nearest = min(nearest, dx * dx + dy * dy)
         out[i] = max(0.0, np.sqrt(nearest) - clearance) / r
-    return out

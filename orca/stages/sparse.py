@@ -33,11 +33,11 @@ class SparseMatrix:
 
     def times(self, x: Float32Array) -> Float32Array:
         """Matrix [R, C] times x [C, k]."""
-        return np.asarray(_product(*self.rows, x), np.float32)
+        return _product(*self.rows, x)
 
     def transposed_times(self, y: Float32Array) -> Float32Array:
         """Transpose [C, R] times y [R, k]."""
-        return np.asarray(_product(*self.columns, y), np.float32)
+        return _product(*self.columns, y)
 
 
 @numba.njit(cache=True, nogil=True)  # type: ignore[untyped-decorator]
@@ -59,15 +59,25 @@ def _transpose(
     return offset, row, value
 
 
-@kernel()
 def _product(
     indptr: NDArray[np.int64], indices: NDArray[np.int32], values: Float32Array, x: Float32Array
 ) -> Float32Array:
-    width = x.shape[1]
-    out = np.zeros((len(indptr) - 1, width), np.float32)
-    for r in numba.prange(len(indptr) - 1):
-        for k in range(indptr[r], indptr[r + 1]):
-            value, source = values[k], x[indices[k]]
-            for c in range(width):
-                out[r, c] += value * source[c]
+    out = np.zeros((len(indptr) - 1, x.shape[1]), np.float32)
+    _add_products(len(out), indptr, indices, values, x, out)
     return out
+
+
+@kernel()
+def _add_products(
+    first: int,
+    end: int,
+    indptr: NDArray[np.int64],
+    indices: NDArray[np.int32],
+    values: Float32Array,
+    x: Float32Array,
+    out: Float32Array,
+) -> None:
+    for r in range(first, end):
+        for k in range(indptr[r], indptr[r + 1]):
+            for c in range(x.shape[1]):
+                out[r, c] += values[k] * x[indices[k], c]

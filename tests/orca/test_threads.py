@@ -12,19 +12,36 @@ from orca.threads import in_serial_mode, kernel, map_on_cores, single_threaded_t
 
 
 @kernel()
-def _squares(x: Float64Array) -> Float64Array:
+def _squares(first: int, end: int, x: Float64Array, out: Float64Array) -> None:
     """Squares."""
-    out = np.empty_like(x)
-    for i in numba.prange(len(x)):
-        out[i] = x[i] * x[i]
-    return out
+    for i in range(first, end):
+        out[i] += x[i] * x[i]
 
 
-def test_both_builds_give_the_same() -> None:
-    x = np.arange(100.0)
-    both = [_squares(x), *map_on_cores(lambda _: _squares(x), range(3))]
-    assert all(np.array_equal(result, x * x) for result in both)
+@pytest.mark.parametrize("count", [0, 1, 2, 7, 8, 9, 100])
+def test_a_kernel_does_each_item_once_alone_or_in_a_worker(count: int) -> None:
+    x = np.arange(float(count))
+
+    def run() -> Float64Array:
+        out = np.zeros(count)
+        _squares(count, x, out)
+        return out
+
+    for result in [run(), *map_on_cores(lambda _: run(), range(3))]:
+        np.testing.assert_array_equal(result, x * x)
     assert _squares.__doc__ == "Squares."
+
+
+@kernel()
+def _division(first: int, end: int, x: Float64Array) -> None:
+    for i in range(first, end):
+        if x[i] == 0:
+            raise ZeroDivisionError("no")
+
+
+def test_an_error_in_a_kernel_reaches_the_caller() -> None:
+    with pytest.raises(ZeroDivisionError):
+        _division(10, np.zeros(10))
 
 
 @pytest.mark.skipif(numba.get_num_threads() < 2, reason="one core: nothing is handed to workers")
