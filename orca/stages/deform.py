@@ -161,17 +161,25 @@ def sharpen_depth(depth: Float32Array, edge_ratio: float, radius: int = 3) -> Fl
     """Give every pixel of a soft depth edge to the nearer (in log depth) of the two surfaces it lies between.
 
     A pixel counts as soft where the depth range in its window exceeds ``edge_ratio`` and most of that range is
-    crossed within the window, as at an edge, not as on a slope.
+    crossed within the window, as at an edge, not as on a slope. The ends of a ramp as wide as the window do not see
+    both its levels; once its middle is sharp they do, and what then lies off both by half the ratio is moved too.
     """
     log = np.log(depth)
+    sharp = _snapped(log, edge_ratio, radius, 0.0)
+    sharp = _snapped(sharp, edge_ratio, radius, 0.5 * float(np.log(edge_ratio)))
+    return np.asarray(np.where(sharp == log, depth, np.exp(sharp)), np.float32)
+
+
+def _snapped(log: Float32Array, edge_ratio: float, radius: int, off: float) -> Float32Array:
+    """One pass of `sharpen_depth` over log depth, on pixels at least ``off`` from the two levels around them."""
     kernel = np.ones((2 * radius + 1, 2 * radius + 1), np.uint8)
     low, high = cv2.erode(log, kernel), cv2.dilate(log, kernel)
     wide = np.ones((4 * radius + 1, 4 * radius + 1), np.uint8)
     range_here, range_wide = high - low, cv2.dilate(log, wide) - cv2.erode(log, wide)
     # On a slope the range doubles with the window; at an edge it stays.
     edge = (range_here > np.log(edge_ratio)) & (range_here > 0.75 * range_wide)
-    snapped = np.where(log - low < high - log, low, high)
-    return np.asarray(np.where(edge, np.exp(snapped), depth), np.float32)
+    edge &= (log - low >= off) & (high - log >= off)
+    return np.asarray(np.where(edge, np.where(log - low < high - log, low, high), log), np.float32)
 
 
 def log_depth_slopes(depth: NDArray[Any], pixels: Float64Array, camera: Camera, max_slope: float) -> Float64Array:
