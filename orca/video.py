@@ -13,8 +13,13 @@ from orca.atomic import atomic_path
 from orca.conventions import UInt8Array
 from orca.errors import BadInput
 
-__all__ = ["MAX_PIXELS", "read_video", "write_video"]
+__all__ = ["MAX_PIXELS", "SAFE_OPTIONS", "read_video", "write_video"]
 
+# Playlists are left out (HLS, DASH, concat, image sequences): they make the decoder open other files and addresses.
+SAFE_OPTIONS = {
+    "protocol_whitelist": "file",
+    "format_whitelist": "mov,matroska,avi,h264,hevc,av1,mpegts,mpeg,gif,yuv4mpegpipe,wav",
+}
 MAX_PIXELS = 100_000_000  # of a frame
 MAX_BYTES = 8 * 2**30  # of all frames that are kept
 
@@ -118,7 +123,7 @@ def _decode(path: Path, wanted: set[int] | None) -> tuple[dict[int, UInt8Array],
     last = None if wanted is None else max(wanted)
     count = 0
     try:
-        with av.open(str(path)) as container:
+        with av.open(str(path), options=SAFE_OPTIONS) as container:
             for frame in container.decode(_video_stream(container, path)):
                 size = size or (frame.width, frame.height)
                 if (frame.width, frame.height) != size:

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from orca.errors import BadInput
+from orca.video import SAFE_OPTIONS
 
 __all__ = ["VideoFacts", "video_facts"]
 
@@ -33,7 +34,7 @@ def video_facts(path: Path) -> VideoFacts:
     if not path.is_file():
         raise BadInput(f"no such video: {path}", "a video file", "check the path")
     try:
-        with av.open(str(path)) as container:
+        with av.open(str(path), options=SAFE_OPTIONS) as container:
             if not container.streams.video:
                 raise BadInput(f"{path} has no video stream", "an mp4 with one", "check the file")
             stream = container.streams.video[0]

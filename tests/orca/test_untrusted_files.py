@@ -17,6 +17,7 @@ import pytest
 from PIL import Image
 from safetensors.torch import save_file
 
+from bench.adapters.video_facts import video_facts
 from orca.array_file import read_npy, read_png
 from orca.camera_file import read_camera_document
 from orca.errors import BadInput
@@ -95,7 +96,7 @@ def test_arrays_claim_no_more_than_they_hold(tmp_path: Path) -> None:
             head := io.BytesIO(), {"descr": "<f8", "fortran_order": False, "shape": shape}
         )
         (tmp_path / "a.npy").write_bytes(head.getvalue())
-        with pytest.raises(BadInput, match="NPY|values"):
+        with pytest.raises(BadInput, match=r"NPY|values"):
             read_npy(tmp_path / "a.npy")
     sparse(tmp_path / "a.npy", 8 * 10**9 + len(head.getvalue()), _npy_header((10**9,)))
     with pytest.raises(BadInput, match="at most"):
@@ -157,6 +158,29 @@ def test_a_video_that_claims_to_be_huge_or_has_no_frames(tmp_path: Path) -> None
     (tmp_path / "none.y4m").write_bytes(b"YUV4MPEG2 W16 H16 F20:1\n")
     with pytest.raises(BadInput):
         read_video(tmp_path / "none.y4m")
+
+
+@pytest.mark.parametrize(
+    "playlist",
+    [
+        "#EXTM3U\n#EXT-X-VERSION:3\n#EXT-X-TARGETDURATION:1\n#EXTINF:1,\nother.mp4\n#EXT-X-ENDLIST\n",
+        "ffconcat version 1.0\nfile other.mp4\n",
+    ],
+    ids=["HLS", "concat"],
+)
+def test_a_video_does_not_lead_to_other_files(tmp_path: Path, playlist: str) -> None:
+    """A playlist under the name of a video: the decoder would open whatever it lists, addresses too."""
+    import av
+
+    write_video(tmp_path / "other.mp4", np.zeros((3, 32, 32, 3), np.uint8))
+    (tmp_path / "a.mp4").write_text(playlist)
+    if "concat" in playlist:  # HLS is refused by the decoder itself under this name
+        with av.open(str(tmp_path / "a.mp4")) as container:
+            assert container.format.name == "concat"
+    with pytest.raises(BadInput, match="unreadable"):
+        read_video(tmp_path / "a.mp4")
+    with pytest.raises(BadInput, match="unreadable"):
+        video_facts(tmp_path / "a.mp4")
 
 
 def test_a_video_that_ends_early_anywhere(tmp_path: Path) -> None:
