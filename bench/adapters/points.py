@@ -7,6 +7,7 @@ is, and its results lie in a folder of that name; so they are resumed, verified 
 from __future__ import annotations
 
 import difflib
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
@@ -20,14 +21,16 @@ __all__ = ["KNOBS", "SWEEP", "Knob", "Overrides", "is_point", "parse_point", "sp
 
 SWEEP = (
     "orca@anchors=16384+repair=off",
-    "orca@anchors=16384",
+    "orca@canvas=off+repair=off",
     "orca@repair=off",
-    "orca@decode=per_hit",
-    "orca@canvas=off",
+    "orca@decode=per_hit+repair=off",
+    "orca@anchors=262144+repair=off",
     "orca",
-    "orca@anchors=262144",
 )
-"""The points of ORCA that ``bench sweep`` runs unless told otherwise."""
+"""The points of ORCA that ``bench sweep`` runs unless told otherwise.
+
+Repair takes the most time and changes neither the input view nor what the others compare, so one point has it.
+"""
 
 _MOST = 10_000_000
 
@@ -168,6 +171,13 @@ def _one_of(*allowed: str) -> Callable[[str], str]:
     return read
 
 
+def _positive(text: str) -> float:
+    value = float(text)
+    if not 0 < value < math.inf:
+        raise ValueError(f"{value} is not positive and finite")
+    return value
+
+
 def _canvas_size(text: str) -> float:
     """Largest size of the canvas in images; 1 for none."""
     value = 1.0 if text == "off" else float(text)
@@ -186,6 +196,13 @@ def _anchors(config: ReconstructConfig, value: int, pixels: int | None) -> Recon
     if pixels is None:
         return config
     return replace(config, planar=replace(config.planar, anchors_per_pixel=value / pixels))
+
+
+def _growth(name: str) -> Callable[[ReconstructConfig, Any, int | None], ReconstructConfig]:
+    def change(config: ReconstructConfig, value: Any, pixels: int | None) -> ReconstructConfig:
+        return replace(config, growth=replace(config.growth, **{name: value}))
+
+    return change
 
 
 def _placement(config: ReconstructConfig, value: Any, pixels: int | None) -> ReconstructConfig:
@@ -234,6 +251,13 @@ def _keep(config: ReconstructConfig, value: Any, pixels: int | None) -> Reconstr
 KNOBS: dict[str, Knob] = {
     "preset": Knob("a preset: draft, quality or paper", _preset_name, _keep, "what the point starts from"),
     "anchors": Knob("a whole number from 64", _whole(64), _anchors, "anchors on the input image and its margin"),
+    "target_psnr": Knob("a positive number", _positive, _growth("target_psnr"), "grow to this input view, in dB"),
+    "max_anchors": Knob(
+        "a whole number from 64", _whole(64), _growth("max_anchors"), "grow to at most so many anchors"
+    ),
+    "price": Knob(
+        "a positive number", _positive, _growth("price"), "grow until a thousand more anchors gain less, in dB"
+    ),
     "placement": Knob("quadtree or grid", _one_of("quadtree", "grid"), _placement, "where anchors go"),
     "hits": Knob("a whole number from 1 to 4096", _whole(1, 4096), _hits, "anchors at most that a ray meets"),
     "decode": Knob(
