@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import hashlib
+import time
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -75,6 +77,7 @@ class FakeMethod:
             raise IndexError("percentile of an empty array")
         if what == "interrupt":
             raise KeyboardInterrupt
+        _misbehave(what)
         if what == "bad input":
             raise BadInput("a sky and nothing else", "a scene", "choose another")
         if what == "leave a file" and options.work_dir is not None:
@@ -89,6 +92,16 @@ class FakeMethod:
             timing={"fit": 1.5, "render": 0.5, "render_ms_per_frame": 20.0},
             model={"anchors": 100},
         )
+
+
+def _misbehave(how: str) -> None:
+    """Sleep for ever, compute for ever where no signal is heard, or want more memory than there is."""
+    if how == "hang":
+        time.sleep(600)
+    if how == "spin":
+        hashlib.pbkdf2_hmac("sha256", b"", b"", 2**31 - 1)
+    if how == "memory":
+        np.empty(2**60, np.uint8)
 
 
 class Bright:
@@ -109,6 +122,7 @@ class Bright:
             return {"bright": Score(float("nan"), 1), "brightest": Score(None, 1)}
         if SWITCHES.get("bright") == "interrupt":
             raise KeyboardInterrupt
+        _misbehave(SWITCHES.get(f"bright {given.case.name}", ""))
         frames = given.output.frames.astype(float)
         means = tuple(frames.mean(axis=(1, 2, 3)))
         return {

@@ -13,17 +13,9 @@ import pytest
 from orca.faults import STEPS, VARIABLE
 from tests.faults.forks import Forks
 from tests.faults.jobs import METHODS, METRICS
+from tests.faults.scenarios import KINDS
 from tests.faults.snapshot import finished_cells, half_written, snapshot
 
-KINDS = {
-    "run": "*/run.json",
-    "frames": "*/frames/*/*.npz",
-    "cameras": "*/trajectories/*.json",
-    "result": "*/scenes/*/*.json",
-    "score cache": "*/cache/scores/*/*.json",
-    "long table": "*/scores.parquet",
-    "table": "*/tables/*",
-}
 FAMILIES = {"bright": "bright", "covered": "covered"}  # metric -> what counts its calls
 
 

@@ -1,4 +1,4 @@
-"""What is killed: a bench run of fakes from start to tables, and each writer of orca."""
+"""What is killed: a bench run of fakes from start to tables."""
 
 from __future__ import annotations
 
@@ -8,14 +8,18 @@ from typing import Any
 
 import pyarrow.parquet  # noqa: F401 - once, before the forks
 
+import bench.timelimit
 import orca.atomic
+from bench.datasets.folder import ImageFolder
+from bench.executors import Resources
+from bench.executors.local import LocalWorkers
 from bench.measured import read_runs
 from bench.provenance import code_state
 from bench.runner import RunRequest, run_bench
 from bench.tables import scene_table, write_tables
 from tests.bench import spine_fakes as fakes
 
-__all__ = ["METRICS", "bench_job"]
+__all__ = ["METHODS", "METRICS", "bench_job"]
 
 code_state()  # likewise
 METHODS = ("dark", "light")
@@ -30,6 +34,9 @@ def bench_job(
     log_points: bool = False,
     retry_failed: bool = False,
     cell_timeout: float | None = None,
+    grace: float = 1.0,
+    images: str | None = None,
+    workers: int = 0,
 ) -> dict[str, Any]:
     """What `bench run` does after its command line was read: run, then tables.
 
@@ -39,9 +46,12 @@ def bench_job(
     fakes.reset()
     fakes.SWITCHES.update(switches or {})
     points = _logged_points() if log_points else []
-    request = RunRequest(fakes.FakeDataset(), tuple(scenes), METHODS, tuple(metrics), Path(out))
+    bench.timelimit.GRACE_S = grace
+    dataset = fakes.FakeDataset() if images is None else ImageFolder(Path(images))
+    request = RunRequest(dataset, tuple(scenes), METHODS, tuple(metrics), Path(out))
     request = replace(request, retry_failed=retry_failed, cell_timeout=cell_timeout)
-    summary = run_bench(request, methods=fakes.METHODS, metrics=fakes.METRICS)
+    executor = LocalWorkers(workers, Resources(memory_gib=0.01)) if workers else None
+    summary = run_bench(request, methods=fakes.METHODS, metrics=fakes.METRICS, executor=executor)
     write_tables(Path(out) / "tables", (scene_table(read_runs([Path(out)])),))
     return {"calls": dict(fakes.CALLS), "failed": summary.failed, "points": points}
 

@@ -49,11 +49,12 @@ def half_written(root: Path) -> list[str]:
     return broken
 
 
-def finished_cells(root: Path) -> dict[tuple[str, str], set[str]]:
-    """(method, scene) -> metrics of every result that is there now."""
+def finished_cells(root: Path, sound: bool = False) -> dict[tuple[str, str], set[str]]:
+    """(method, scene) -> metrics of every result that is there now; with ``sound`` of those without a failure."""
     records = [
         CellRecord.from_json(json.loads(path.read_text()), str(path))
         for path in root.glob("scenes/*/*.json")
         if not path.name.startswith(".")
     ]
-    return {(record.method, record.scene): set(record.scores) for record in records}
+    kept = (record for record in records if not (sound and record.any_failed))
+    return {(record.method, record.scene): set(record.scores) for record in kept}
