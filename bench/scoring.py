@@ -97,9 +97,9 @@ class Scorer:
         return self._hashed[1]
 
     def failed_family(self, name: str, error: Exception) -> dict[str, ScoreRecord]:
-        """Scores of the ids of one family that were asked for, which say why there is none."""
+        """Scores of the ids of one family, asked for or not, as `compute` gives them: they say why there is none."""
         family = next(family for family in self._families if family.name == name)
-        return self.failed_scores([metric_id for metric_id in self.ids if metric_id in family.specs], error)
+        return {metric_id: ScoreRecord.without_value(spec, error) for metric_id, spec in family.specs.items()}
 
     def failed_scores(self, missing: Sequence[str], error: Exception) -> dict[str, ScoreRecord]:
         """Scores of ids that could not be computed because their frames or their scene could not be had."""
