@@ -113,7 +113,7 @@ def _no_room(bench: Workbench) -> Told:
 
 def _full_disk(bench: Workbench) -> Told:
     wanted, disk = bench.whole(), bench.folder / "disk"
-    with _tmpfs(disk, "160k"):
+    with _tmpfs(disk, "64k"):
         bench.out = disk / "run"
         full = bench.run()
         ended = full.code == 1 and "No space left" in full.said
@@ -327,7 +327,7 @@ SCENARIOS: dict[str, Callable[[Workbench], Told]] = {
     "kill -9 at every write point of every other writer": _writers,
     "kill -9 of a worker (`--jobs 2`) at a result": _worker_killed,
     "ENOSPC at each kind of file": _no_room,
-    "a real disk of 160 kB that fills up": _full_disk,
+    "a real disk of 64 kB that fills up": _full_disk,
     "a real disk that turns read-only": _read_only,
     "an image that vanishes between listing and loading": _vanished,
     "a metric that sleeps for ever (`--cell-timeout`)": _misbehaving(

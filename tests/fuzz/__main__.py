@@ -1,7 +1,7 @@
 """``python -m tests.fuzz TARGET --seconds N [--out DIR]``: fuzz a parser; ``--report`` writes docs/fuzzing.md.
 
 Each run adds a line to OUT/runs.jsonl: seconds, executions, findings. A finding is an input that made a parser raise
-anything but an `OrcaError`, crash, take more than a minute or two gigabytes; it lies in OUT/findings/TARGET.
+anything but an `OrcaError`, crash, take more than ten minutes or two gigabytes; it lies in OUT/findings/TARGET.
 """
 
 from __future__ import annotations
@@ -76,7 +76,7 @@ def _cpu_of_children() -> float:
 def _engine(name: str, seconds: float, corpus: Path, findings: Path, words: Path) -> tuple[int, bool]:
     """One run of the engine; returns executions, and whether it ended before its time."""
     command = [sys.executable, "-m", "tests.fuzz.engine", name, str(findings.absolute())]
-    command += [f"-max_total_time={max(1, int(seconds))}", f"-max_len={TARGETS[name].max_bytes}", "-timeout=60"]
+    command += [f"-max_total_time={max(1, int(seconds))}", f"-max_len={TARGETS[name].max_bytes}", "-timeout=600"]
     command += ["-rss_limit_mb=2048", "-print_final_stats=1", f"-artifact_prefix={findings.absolute()}/crash-"]
     command += [f"-dict={words}"] if words.stat().st_size else []
     kept = _HERE / "corpus" / name

@@ -14,7 +14,7 @@ _DOCS = Path(__file__).resolve().parents[2] / "docs"
 _HEAD = """# Fuzzing
 
 `python -m tests.fuzz TARGET --seconds N` (Atheris; coverage of the Python code, not of compiled decoders).
-A finding is an input on which a parser raised anything but its own error, crashed, hung for a minute, or took two
+A finding is an input on which a parser raised anything but its own error, crashed, hung for ten minutes, or took two
 gigabytes. Findings that were fixed are kept in `tests/fuzz/corpus` and read again by every test run.
 
 | target | what reads it | minutes | of a core | executions | places found |
