@@ -54,9 +54,7 @@ def write_report(runs: Path) -> Path:
         seconds[run["target"]] += run["seconds"]
         cpu[run["target"]] += run.get("cpu_seconds", 0)
         executions[run["target"]] += run["executions"]
-        found[run["target"]] |= {
-            name for name in run["findings"] if not name.endswith(_NONE) and not any(word in name for word in _SLOW)
-        }
+        found[run["target"]] |= {name for name in run["findings"] if not any(word in name for word in _NONE)}
     rows = [
         f"| {name} | {target.reads} | {seconds[name] / 60:.1f} | {cpu[name] / 60:.1f} | {executions[name]:,} "
         f"| {len(found[name])} |"
