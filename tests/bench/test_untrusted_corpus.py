@@ -45,7 +45,14 @@ def test_sound_files_are_read(name: str) -> None:
         assert "read" in found
 
 
-@pytest.mark.parametrize("name", [name for name, target in TARGETS.items() if target.json])
+@pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param(name, marks=[pytest.mark.slow] if name == "scene" else [])
+        for name, target in TARGETS.items()
+        if target.json
+    ],
+)
 def test_changed_documents(name: str) -> None:
     documents = [content for content in seeds(name) if content[:1] != b"\1"]
 
