@@ -18,7 +18,7 @@ from bench.host import host_facts
 from bench.memory import peak_memory
 from bench.plan import Work, work_left
 from bench.progress import Reporter
-from bench.provenance import case_hashes, input_files, output_hashes
+from bench.provenance import FileListing, case_hashes, input_files, output_hashes
 from bench.record import FAILED, CellRecord, Failure, ScoreRecord
 from bench.scoring import Scorer
 from bench.store import RunStore
@@ -70,6 +70,7 @@ class Cell:
         retry_failed: run what failed again.
         codec_match: send every picture through `bench.codec` before anything is scored.
         folders: data root and folder of images, for the hashes of the input files.
+        listing: of those folders, shared by the cells of a run.
         timeout: seconds that loading, the method, and each metric family may take; None for no limit.
     """
 
@@ -85,6 +86,7 @@ class Cell:
     retry_failed: bool = False
     codec_match: bool = False
     folders: tuple[Path | None, Path | None] = (None, None)
+    listing: FileListing = field(default_factory=FileListing)
     timeout: float | None = None
     _phase: str = field(default="load", init=False)
 
@@ -233,7 +235,7 @@ class Cell:
 
     def _inputs(self, case: SceneCase) -> dict[str, Any]:
         folders = (self.dataset, self.name.partition("-")[0])
-        return {**case_hashes(case), "files": input_files(*self.folders, folders, self.scene)}
+        return {**case_hashes(case), "files": input_files(*self.folders, folders, self.scene, self.listing)}
 
     def _check_case(self, record: CellRecord, case: SceneCase) -> None:
         """New scores must be of the scene that the stored frames are of."""

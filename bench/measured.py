@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from bench.codec import ALREADY_CODED
 from bench.digest import broken_seals, is_sealed
-from bench.record import FAILED, CellRecord
+from bench.record import FAILED, CellRecord, StoredFrame
 from bench.store import RunStore
 from bench.trajectories import first_difference
 from orca.errors import BadInput
@@ -87,8 +87,13 @@ class Measured:
         return sum(self.records[method, scene].any_failed for scene in self.scenes if (method, scene) in self.records)
 
 
-def read_runs(roots: Sequence[Path]) -> Measured:
+def read_runs(roots: Sequence[Path], slim: bool = False) -> Measured:
     """Read one or more run folders over the same data set; a method of several runs gets the folder's name.
+
+    Args:
+        roots: the folders.
+        slim: leave out of the results what no table of means shows (values a frame, details of scores, hashes), which
+            is nearly all of their memory.
 
     Raises:
         BadInput: no such run, another data set, other cameras for the same scene, one metric in two variants, or
@@ -107,10 +112,11 @@ def read_runs(roots: Sequence[Path]) -> Measured:
         others = {name for other in runs if other is not run for name in other["methods"]}
         labels = {name: f"{name} ({store.root.name})" if name in others else name for name in run["methods"]}
         methods += labels.values()
+        listed, thin = set(run["scenes"]), _Thinner()
         for path, document in store.documents():
             record = CellRecord.from_json(document, str(path))
-            if record.method in labels and record.scene in run["scenes"]:
-                records[labels[record.method], record.scene] = record
+            if record.method in labels and record.scene in listed:
+                records[labels[record.method], record.scene] = thin(record) if slim else record
                 edited += [path] if is_sealed(document) and broken_seals(document) else []
     _check_cameras(records, stores)
     scenes = tuple(dict.fromkeys(scene for run in runs for scene in run["scenes"]))
@@ -118,6 +124,31 @@ def read_runs(roots: Sequence[Path]) -> Measured:
     columns = tuple(_column(metric_id, records.values(), runs) for metric_id in ids)
     caption = (*map(_caption, runs), *_codec_notes(runs, records), *_version_notes(records), *_edit_notes(edited))
     return Measured(datasets[0], scenes, tuple(methods), columns, records, caption)
+
+
+class _Thinner:
+    """Results without what no table of means shows; equal parts of several are one object in memory."""
+
+    def __init__(self) -> None:
+        self._known: dict[str, Any] = {}
+
+    def __call__(self, record: CellRecord) -> CellRecord:
+        scores = {
+            key: replace(score, per_frame=None, detail={}, spec=self._one(score.spec))
+            for key, score in record.scores.items()
+        }
+        frames = self._one([frame.index for frame in record.frames])
+        return replace(
+            record,
+            scores=scores,
+            frames=self._known.setdefault(f"frames {frames}", tuple(StoredFrame(i, "") for i in frames)),
+            views={},
+            inputs={},
+            host=self._one(record.host),
+        )
+
+    def _one(self, value: Any) -> Any:
+        return self._known.setdefault(repr(value), value)
 
 
 def _check_same(values: Sequence[str], what: str, allowed: str, fix: str) -> None:

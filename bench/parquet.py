@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-import io
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
 from bench.record import CellRecord, ScoreRecord
-from bench.store import write_atomic
 
 __all__ = ["COLUMNS", "long_rows", "write_scores"]
+
+_GROUP = 20_000  # rows that are held at a time
 
 # Name -> Arrow type. `frame` counts within the score (frames, pairs or views), null on the row of the scene's score;
 # `frame_index` and `pixel_sha256` are known where a score has a value for each evaluated frame.
@@ -58,13 +58,24 @@ def _score_rows(record: CellRecord, score: ScoreRecord, common: dict[str, Any]) 
 
 
 def write_scores(path: Path, records: Iterable[CellRecord]) -> None:
-    """Write the long table of these results as Parquet, atomically."""
+    """Write the long table of these results as Parquet, some of them at a time in memory; not atomically."""
     import pyarrow as pa
     import pyarrow.parquet as pq
 
-    rows = [row for record in records for row in long_rows(record)]
     schema = pa.schema([(name, getattr(pa, kind)()) for name, kind in COLUMNS.items()])
-    columns = {name: [row[name] for row in rows] for name in COLUMNS}
-    buffer = io.BytesIO()
-    pq.write_table(pa.table(columns, schema=schema), buffer, compression="zstd")
-    write_atomic(path, buffer.getvalue())
+    with pq.ParquetWriter(path, schema, compression="zstd") as writer:
+        for rows in _groups(records):
+            columns = {name: [row[name] for row in rows] for name in COLUMNS}
+            writer.write_table(pa.table(columns, schema=schema))
+
+
+def _groups(records: Iterable[CellRecord]) -> Iterator[list[dict[str, Any]]]:
+    """Rows of the results in groups of some thousand."""
+    rows: list[dict[str, Any]] = []
+    for record in records:
+        rows += long_rows(record)
+        if len(rows) >= _GROUP:
+            yield rows
+            rows = []
+    if rows:
+        yield rows

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import os
+import re
 import shutil
 import subprocess
 from collections.abc import Iterable, Mapping, Sequence
@@ -18,9 +19,10 @@ from bench.adapters.adapter import MethodOutput
 from bench.datasets.case import SceneCase
 from bench.digest import digest
 
-__all__ = ["case_hashes", "code_state", "data_block", "file_sha256", "input_files", "output_hashes"]
+__all__ = ["FileListing", "case_hashes", "code_state", "data_block", "file_sha256", "input_files", "output_hashes"]
 
 _DEPTH = 3  # how far below a data folder its files may lie
+_ENDS = re.compile(r"[._]")  # what may follow a scene's name in that of its file
 
 
 def case_hashes(case: SceneCase) -> dict[str, str]:
@@ -65,20 +67,51 @@ def data_block(scenes: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
     return {"revision": digest(ordered), "scenes": ordered}
 
 
-def input_files(data_root: Path | None, images: Path | None, folders: Sequence[str], scene: str) -> dict[str, str]:
+def input_files(
+    data_root: Path | None,
+    images: Path | None,
+    folders: Sequence[str],
+    scene: str,
+    listing: FileListing | None = None,
+) -> dict[str, str]:
     """Files named after the scene: path below the data root (or below ``images``) -> SHA-256.
 
     Looked for in the sub-folders ``folders`` of the data root (the data set's, and the method's for one that reads its
     frames from files) and in ``images``; a file belongs to a scene when its name begins with the scene's and goes on
-    with a dot, an underscore, or not at all.
+    with a dot, an underscore, or not at all. With a ``listing`` a folder is looked through once for all scenes.
     """
     found: dict[str, str] = {}
+    listing = listing or FileListing()
     for root in (data_root, images):
         if root is not None:
             starts = [root] if root is images else [root / folder for folder in folders]
-            for path in (path for start in dict.fromkeys(starts) for path in _named(start, scene)):
-                found[path.relative_to(root).as_posix()] = file_sha256(path)
+            for path in (path for start in dict.fromkeys(starts) for path in listing.of_scene(start, scene)):
+                if path.is_file():  # still
+                    found[path.relative_to(root).as_posix()] = file_sha256(path)
     return dict(sorted(found.items()))
+
+
+class FileListing:
+    """The files of folders, ``_DEPTH`` levels down, by the scenes that they may belong to; each folder is read once."""
+
+    def __init__(self) -> None:
+        self._by_scene: dict[Path, dict[str, list[Path]]] = {}
+
+    def of_scene(self, folder: Path, scene: str) -> list[Path]:
+        """Files below the folder whose names begin with the scene's and go on with a dot, an underscore, or not."""
+        if folder not in self._by_scene:
+            self._by_scene[folder] = self._read(folder)
+        return self._by_scene[folder].get(scene, [])
+
+    def _read(self, folder: Path) -> dict[str, list[Path]]:
+        found: dict[str, list[Path]] = {}
+        for directory, below, names in os.walk(folder):
+            if len(Path(directory).relative_to(folder).parts) >= _DEPTH:
+                below.clear()
+            for name in names:
+                for scene in {name, *(name[: mark.start()] for mark in _ENDS.finditer(name))}:
+                    found.setdefault(scene, []).append(Path(directory) / name)
+        return found
 
 
 def file_sha256(path: Path) -> str:
@@ -101,20 +134,6 @@ def code_state() -> dict[str, Any]:
 def _git(folder: Path, *arguments: str) -> str | None:
     done = subprocess.run(["git", "-C", str(folder), *arguments], capture_output=True, text=True, check=False)
     return done.stdout.strip() if done.returncode == 0 else None
-
-
-def _named(folder: Path, scene: str) -> list[Path]:
-    """Files of the folder, ``_DEPTH`` levels down, that belong to the scene."""
-    found = []
-    for directory, below, names in os.walk(folder):
-        if len(Path(directory).relative_to(folder).parts) >= _DEPTH:
-            below.clear()
-        found += [Path(directory) / name for name in names if _belongs(name, scene)]
-    return found
-
-
-def _belongs(name: str, scene: str) -> bool:
-    return name.startswith(scene) and name[len(scene) :][:1] in ("", ".", "_")
 
 
 def _of_camera(camera: Any) -> str:

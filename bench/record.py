@@ -140,8 +140,7 @@ class ScoreRecord:
 
     def made_by(self, spec: MetricSpec) -> bool:
         """True if ``spec`` would compute the same number (its title and digits may differ)."""
-        wanted = jsonable(asdict(spec))
-        return all(self.spec.get(key) == wanted[key] for key in ("id", "variant", "version", "weights_sha256"))
+        return all(self.spec.get(key) == getattr(spec, key) for key in ("id", "variant", "version", "weights_sha256"))
 
 
 @dataclass(frozen=True)

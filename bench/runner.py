@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from typing import Any
@@ -15,11 +15,11 @@ from bench.parquet import write_scores
 from bench.plan import check_same_run, in_order
 from bench.progress import Reporter, SilentReporter
 from bench.provenance import code_state, data_block
-from bench.record import SCHEMA_VERSION
+from bench.record import SCHEMA_VERSION, CellRecord
 from bench.request import RunRequest
 from bench.scenework import SceneOutcome, SceneRunner, SceneWork, opened
 from bench.store import RunStore
-from orca.atomic import drop_unfinished
+from orca.atomic import atomic_path, drop_unfinished
 from orca.registry import Registry
 
 __all__ = ["RunRequest", "RunSummary", "keep_summary", "run_bench"]
@@ -101,16 +101,23 @@ def _outcomes(work: SceneWork, runner: SceneRunner, executor: Executor, told: Re
 
 
 def keep_summary(store: RunStore) -> None:
-    """Write what all results together say: what the scenes were made of into ``run.json``, and the long table."""
-    with store.alone():
-        inputs: dict[str, dict[str, Any]] = {}
+    """Write what all results together say: what the scenes were made of into ``run.json``, and the long table.
+
+    The table takes its name last: while it is older than a result, this is to be done again.
+    """
+    inputs: dict[str, dict[str, Any]] = {}
+
+    def noted() -> Iterator[CellRecord]:
         for record in store.records():
             if record.inputs:
                 inputs.setdefault(record.scene, record.inputs)
+            yield record
+
+    with store.alone(), atomic_path(store.summary_path) as table:
+        write_scores(table, noted())
         made_of, run = data_block(inputs), store.load_run()
         if run is not None and run.get("data") != made_of:
             store.save_run({**run, "data": made_of})
-        write_scores(store.summary_path, store.records())
 
 
 def _run_document(

@@ -20,6 +20,7 @@ from bench.host import host_facts
 from bench.metrics.metric import Metric
 from bench.plan import Work, work_left
 from bench.progress import Reporter, SilentReporter
+from bench.provenance import FileListing
 from bench.record import CellRecord, Failure
 from bench.request import RunRequest
 from bench.scorecache import ScoreCache
@@ -101,6 +102,7 @@ class SceneRunner:
         self.scorer = Scorer(request.metrics, work.metrics, options.weights_dir, options.device, cache, chosen)
         self.versions = {name: adapter.version(options) for name, adapter in self.adapters.items()}
         self._specs = self.scorer.specs
+        self._listing = FileListing()
 
     def finish(self, scene: str, reporter: Reporter, again: bool = False) -> SceneOutcome:
         """Do whatever the scene still needs, method by method; it is loaded once, and only if there is work.
@@ -171,6 +173,7 @@ class SceneRunner:
             retry_failed=request.retry_failed and not again,
             codec_match=request.codec_match,
             folders=(request.options.data_root, request.images),
+            listing=self._listing,
             timeout=request.cell_timeout,
         )
 

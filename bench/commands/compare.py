@@ -15,7 +15,7 @@ __all__ = ["compare_command"]
 def compare_command(args: argparse.Namespace) -> Outcome:
     """Compare run B with run A; exit code 1 on a regression. Raises `BadInput` for runs that cannot be compared."""
     thresholds = parse_thresholds(args.threshold)
-    comparison = compare_runs(read_runs([args.run_a]), read_runs([args.run_b]), thresholds)
+    comparison = compare_runs(read_runs([args.run_a], slim=True), read_runs([args.run_b], slim=True), thresholds)
     width = max(120, shutil.get_terminal_size((120, 24)).columns)
     table = comparison.table(args.all)
     text = table.to_markdown() if args.format == "markdown" else table.to_text(width)

@@ -45,7 +45,7 @@ def run_command(args: argparse.Namespace) -> Outcome:
     """Run what the command line asks for. Raises `BadInput` before any work is done."""
     request = _request(args)
     summary = run_bench(request, BarReporter(), executor=chosen_executor(args))
-    run = read_runs([request.out])
+    run = read_runs([request.out], slim=True)
     tables = (dataset_table(run), scene_table(run), *([pairs_table(run)] if len(run.methods) > 1 else []))
     written = write_tables(request.out / "tables", tables)
     width = max(120, shutil.get_terminal_size((120, 24)).columns)

@@ -65,7 +65,7 @@ def _paper(args: argparse.Namespace) -> list[Table]:
     for root in args.runs:
         run = RunStore(root).load_run()
         by_dataset.setdefault("" if run is None else str(run["identity"]["dataset"]), []).append(root)
-    return list(paper_tables([read_runs(roots) for roots in by_dataset.values()], args.published))
+    return list(paper_tables([read_runs(roots, slim=True) for roots in by_dataset.values()], args.published))
 
 
 def _measured(args: argparse.Namespace) -> list[Table]:
@@ -73,7 +73,7 @@ def _measured(args: argparse.Namespace) -> list[Table]:
     from bench.pairs import pairs_table
     from bench.tables import dataset_table, scene_table
 
-    run = read_runs(args.runs)
+    run = read_runs(args.runs, slim=True)
     known = {column.key: column for column in (*run.columns, *COSTS)}
     columns = None if args.columns is None else [known[key] for key in chosen("column", args.columns, known, ())]
     tables = [scene_table(run, columns), dataset_table(run, columns, args.intervals)]

@@ -6,6 +6,7 @@ is told what a scene needs.
 
 from __future__ import annotations
 
+import socket
 from collections import deque
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -115,6 +116,13 @@ def _ray() -> ModuleType:
     return module
 
 
+def _reach(address: str | None) -> None:
+    """Raise OSError at once where nobody answers; Ray would try for most of a minute."""
+    host, colon, port = (address or "").rpartition(":")
+    if colon and port.isdecimal() and "/" not in host:
+        socket.create_connection((host, int(port)), timeout=10).close()
+
+
 @contextmanager
 def _connected(ray: ModuleType, address: str | None) -> Iterator[None]:
     """A connection, unless the caller has one; ended when it was made here."""
@@ -122,8 +130,9 @@ def _connected(ray: ModuleType, address: str | None) -> Iterator[None]:
         yield
         return
     try:
+        _reach(address)
         ray.init(address, include_dashboard=False if address is None else None, logging_level="ERROR")
-    except (ConnectionError, ValueError, RuntimeError) as error:
+    except (OSError, ValueError, RuntimeError) as error:
         raise Unavailable(
             f"no Ray cluster at {address or 'this machine'} ({' '.join(str(error).split())[:200]})",
             "the address of one that runs",

@@ -131,7 +131,7 @@ METRICS: Registry[type[Metric]] = Registry("metric", {"grey": f"{_HERE}:Grey", "
 
 def request_of(folder: Path, out: str = "run", count: int = 6, scenes: Sequence[str] | None = None) -> RunRequest:
     """A request over these fakes; ``folder`` gets the run and the log of calls."""
-    folder.mkdir(exist_ok=True)
+    folder.mkdir(parents=True, exist_ok=True)
     (folder / "calls").touch()
     dataset = Scenes(count)
     return RunRequest(

@@ -1,0 +1,131 @@
+"""How the cost of the bench grows with the number of scenes: ``python -m tests.scale --out DIR``.
+
+A mock method (it copies the input) and a mock metric, over the real store: every scene has a record of 50 frames and 50
+values a frame, its frames, its cameras and its cached score. The first hundred scenes are run; the others are copies of
+their files under other names, under seals of their own: what a longer run would have left, without the hours. Each step
+runs in a process of its own, whose CPU seconds (user and system), seconds on the clock and peak resident memory are
+printed; the last line of each step is its growth between the last two sizes, as an exponent: 1 is linear, 0 flat.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import resource
+import shutil
+import subprocess
+import sys
+import time
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from bench.digest import sealed
+from bench.measured import read_runs
+from bench.merge import merge_runs
+from bench.request import RunRequest
+from bench.runner import keep_summary, run_bench
+from bench.store import RunStore, read_json
+from bench.tables import dataset_table, scene_table, write_tables
+from tests.bench.worker_fakes import METHODS, METRICS, Scenes, request_of
+
+FRAMES = 50
+RUN = 100
+STEPS = ("fill", "resume", "tables", "merge")
+
+
+def request_at(folder: Path, scenes: int) -> RunRequest:
+    """The run whose cost is asked for."""
+    request = request_of(folder, count=scenes)
+    return replace(request, dataset=Scenes(scenes, FRAMES), methods=("copy",), metrics=("grey",))
+
+
+def step(name: str, folder: Path, scenes: int) -> None:
+    """Do one step, in this process."""
+    request = request_at(folder, scenes)
+    if name == "fill":
+        fill(request)
+    elif name == "resume":
+        summary = run_bench(request, None, METHODS, METRICS)
+        if summary.computed:
+            raise RuntimeError(f"{summary.computed} cells were computed again")
+    elif name == "tables":
+        run = read_runs([request.out], slim=True)
+        tables = (dataset_table(run), scene_table(run))
+        write_tables(request.out / "tables", tables)
+        (folder / "printed").write_text("\n".join(table.to_text() for table in tables))
+    else:
+        merge_runs(folder / "merged", [folder / "run", folder / "run"], METHODS, METRICS)
+
+
+def fill(request: RunRequest) -> None:
+    """Run the first scenes, copy their files under the names of the others, and end as a run ends."""
+    first = request.scenes[:RUN]
+    run_bench(replace(request, scenes=first), None, METHODS, METRICS)
+    store = RunStore(request.out)
+    model = {scene: read_json(store.record_path("copy", scene)) for scene in first}
+    for i, scene in enumerate(request.scenes[RUN:]):
+        source = first[i % len(first)]
+        shutil.copyfile(store.frames_path("copy", source), store.frames_path("copy", scene))
+        record = sealed({**model[source], "scene": scene})
+        text = json.dumps(record, indent=1, allow_nan=False, ensure_ascii=False)
+        store.record_path("copy", scene).write_text(text + "\n")
+    if len(request.scenes) > RUN:
+        run = store.load_run() or {}
+        store.save_run({**run, "scenes": list(request.scenes)})
+        keep_summary(store)
+
+
+def measured(name: str, folder: Path, scenes: int) -> dict[str, Any]:
+    """Seconds and memory of one step in a fresh process."""
+    command = [sys.executable, "-m", "tests.scale", "--out", str(folder), "--step", name, "--sizes", str(scenes)]
+    before, started = resource.getrusage(resource.RUSAGE_CHILDREN), time.perf_counter()
+    done = subprocess.run(command, check=True, capture_output=True, text=True)
+    after = resource.getrusage(resource.RUSAGE_CHILDREN)
+    cpu = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+    own = json.loads(done.stdout.strip().splitlines()[-1])
+    return {"wall_s": time.perf_counter() - started, "cpu_s": cpu, **own}
+
+
+def peak_mb() -> float:
+    """Largest resident set of this process, MB of 1e6 bytes."""
+    status = Path("/proc/self/status").read_text().splitlines()
+    return next(int(line.split()[1]) * 1024 / 1e6 for line in status if line.startswith("VmHWM:"))
+
+
+def growth(rows: Sequence[dict[str, Any]], sizes: Sequence[int], key: str) -> float:
+    """The exponent of the growth between the last two sizes, once what a process costs anyway is taken off."""
+    first, *_, a, b = [row[key] for row in rows]
+    if min(a, b) <= first:
+        return 0.0
+    return math.log((b - first) / (a - first)) / math.log((sizes[-1] - sizes[0]) / (sizes[-2] - sizes[0]))
+
+
+def main() -> None:
+    """Measure every step at every size."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="gets the runs, about 30 kB a scene")
+    parser.add_argument("--sizes", default="1,2500,5000,10000", help="numbers of scenes (1,2500,5000,10000)")
+    parser.add_argument("--steps", default=",".join(STEPS), help="of " + ", ".join(STEPS))
+    parser.add_argument("--step", help=argparse.SUPPRESS)
+    args = parser.parse_args()
+    sizes = [int(size) for size in args.sizes.split(",")]
+    if args.step:
+        step(args.step, args.out, sizes[0])
+        print(json.dumps({"peak_mb": peak_mb()}))
+        return
+    for name in args.steps.split(","):
+        rows = []
+        for size in sizes:
+            rows.append(measured(name, args.out / str(size), size))
+            numbers = ", ".join(f"{key} {value:.2f}" for key, value in rows[-1].items())
+            print(f"{name}, {size} scenes: {numbers}", flush=True)
+        if len(sizes) > 2:
+            print(f"{name}: grows with scenes^{growth(rows, sizes, 'cpu_s'):.2f} (CPU), ", end="")
+            print(f"^{growth(rows, sizes, 'peak_mb'):.2f} (memory)", flush=True)
+
+
+if __name__ == "__main__":
+    main()
