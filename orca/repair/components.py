@@ -77,7 +77,8 @@ def connected_components(mask: BoolArray, min_area: int = 1, bridge: int = 0) ->
     Returns:
         Largest first; equal areas from top to bottom, then from left to right.
     """
-    labels, boxes, areas = _label(mask, bridge)
+    labels, areas = _label(mask, bridge)
+    boxes = _boxes(labels, len(areas))
     found: list[tuple[int, int, int, Component]] = []
     for label in np.flatnonzero(areas >= min_area):
         x0, y0, x1, y1 = (int(v) for v in boxes[label])
@@ -94,13 +95,13 @@ def drop_small(mask: BoolArray, min_area: int, bridge: int = 0) -> BoolArray:
         # Labelling costs by the pixel: only the part that holds something is looked at.
         x, y, width, height = cv2.boundingRect(mask.astype(np.uint8))
         inside = np.s_[y : y + height, x : x + width]
-        labels, _, areas = _label(mask[inside], bridge)
+        labels, areas = _label(mask[inside], bridge)
         kept[inside] = np.concatenate([[False], areas >= min_area])[labels]
     return kept
 
 
-def _label(mask: BoolArray, bridge: int) -> tuple[NDArray[np.int32], NDArray[np.int64], NDArray[np.int64]]:
-    """Label of each masked pixel from 1 (0: not masked) [H, W], boxes [n, 4] and areas [n] of the masked pixels."""
+def _label(mask: BoolArray, bridge: int) -> tuple[NDArray[np.int32], NDArray[np.int64]]:
+    """Label of each masked pixel from 1 (0: not masked) [H, W], and how many masked pixels have each [n]."""
     if mask.ndim != 2 or mask.dtype != np.bool_ or mask.size == 0:
         raise BadInput(
             f"mask of shape {mask.shape} and type {mask.dtype}", "a bool mask [H, W]", "see disocclusion_mask"
@@ -111,13 +112,17 @@ def _label(mask: BoolArray, bridge: int) -> tuple[NDArray[np.int32], NDArray[np.
         side = 2 * ((bridge + 1) // 2) + 1
         joined = cv2.dilate(joined, np.ones((side, side), np.uint8)).astype(np.uint8)
     count, labels = cv2.connectedComponents(joined, connectivity=8)
-    labels = np.where(mask, labels, 0).astype(np.int32)
-    y, x = np.nonzero(mask)
+    labels = np.asarray(labels * mask, np.int32)
+    return labels, np.bincount(labels.ravel(), minlength=count)[1:].astype(np.int64)
+
+
+def _boxes(labels: NDArray[np.int32], count: int) -> NDArray[np.int64]:
+    """Box (x0, y0, x1, y1) of each label from 1 on, [count, 4]."""
+    y, x = np.nonzero(labels)
     which = labels[y, x] - 1
-    areas = np.bincount(which, minlength=count - 1).astype(np.int64)
-    boxes = np.empty((count - 1, 4), np.int64)
+    boxes = np.empty((count, 4), np.int64)
     boxes[:, :2], boxes[:, 2:] = np.iinfo(np.int64).max, 0
     for column, values in ((0, x), (1, y)):
         np.minimum.at(boxes[:, column], which, values)
         np.maximum.at(boxes[:, column + 2], which, values + 1)
-    return labels, boxes, areas
+    return boxes
