@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -10,13 +10,14 @@ import pyarrow.parquet  # noqa: F401 - once, before the forks
 
 import bench.timelimit
 import orca.atomic
-from bench.datasets.folder import ImageFolder
+from bench.datasets import SceneCase
 from bench.executors import Resources
 from bench.executors.local import LocalWorkers
 from bench.measured import read_runs
 from bench.provenance import code_state
 from bench.runner import RunRequest, run_bench
 from bench.tables import scene_table, write_tables
+from orca.images import load_image
 from tests.bench import spine_fakes as fakes
 
 __all__ = ["METHODS", "METRICS", "bench_job"]
@@ -24,6 +25,17 @@ __all__ = ["METHODS", "METRICS", "bench_job"]
 code_state()  # likewise
 METHODS = ("dark", "light")
 METRICS = ("bright", "covered", "only_a")
+
+
+@dataclass
+class FromFiles(fakes.FakeDataset):
+    """The fake scenes, each of which needs an image file."""
+
+    folder: str = ""
+
+    def load(self, scene: str) -> SceneCase:
+        load_image(Path(self.folder) / f"{scene}.png")
+        return super().load(scene)
 
 
 def bench_job(
@@ -47,7 +59,7 @@ def bench_job(
     fakes.SWITCHES.update(switches or {})
     points = _logged_points() if log_points else []
     bench.timelimit.GRACE_S = grace
-    dataset = fakes.FakeDataset() if images is None else ImageFolder(Path(images))
+    dataset = fakes.FakeDataset() if images is None else FromFiles(folder=images)
     request = RunRequest(dataset, tuple(scenes), METHODS, tuple(metrics), Path(out))
     request = replace(request, retry_failed=retry_failed, cell_timeout=cell_timeout)
     executor = LocalWorkers(workers, Resources(memory_gib=0.01)) if workers else None
