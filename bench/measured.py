@@ -122,7 +122,13 @@ def read_runs(roots: Sequence[Path], slim: bool = False) -> Measured:
     scenes = tuple(dict.fromkeys(scene for run in runs for scene in run["scenes"]))
     ids = dict.fromkeys(metric_id for run in runs for metric_id in run["metrics"])
     columns = tuple(_column(metric_id, records.values(), runs) for metric_id in ids)
-    caption = (*map(_caption, runs), *_codec_notes(runs, records), *_version_notes(records), *_edit_notes(edited))
+    caption = (
+        *map(_caption, runs),
+        *_codec_notes(runs, records),
+        *_version_notes(records),
+        *_host_notes(records),
+        *_edit_notes(edited),
+    )
     return Measured(datasets[0], scenes, tuple(methods), columns, records, caption)
 
 
@@ -228,6 +234,16 @@ def _codec_notes(runs: Sequence[Mapping[str, Any]], records: Mapping[tuple[str, 
     if codec is None:
         return [f"Frames as rendered, no codec. {before}"] if coded else []
     return [f"Codec match: every method's frames went through {codec} before any metric. {before}".strip()]
+
+
+def _host_notes(records: Mapping[tuple[str, str], CellRecord]) -> list[str]:
+    """Seconds of several machines, or with several numbers of threads, are not those of one."""
+    hosts = sorted({_machine(record.host) for record in records.values() if record.host})
+    return [f"Timings are of {len(hosts)} settings: {'; '.join(hosts)}."] if len(hosts) > 1 else []
+
+
+def _machine(host: Mapping[str, Any]) -> str:
+    return f"{host.get('cpu')}, {host.get('cores')} cores, {host.get('threads')} threads"
 
 
 def _edit_notes(edited: Sequence[Path]) -> list[str]:

@@ -16,6 +16,7 @@ from hypothesis import strategies as st
 from bench.cli import main
 from bench.digest import broken_seals, sealed
 from bench.join import Conflict, canonical, joined_records, joined_runs
+from bench.measured import read_runs
 from bench.merge import Merged, merge_runs
 from bench.record import CellRecord, Failure, ScoreRecord, StoredFrame
 from bench.runner import run_bench
@@ -304,6 +305,16 @@ def test_answers_and_cached_scores_come_together(parts: tuple[Path, list[Path]],
     (b / "answers/llava.jsonl").write_text(lines[0].replace("yes", "no"))
     with pytest.raises(BadInput, match='answered "yes" and "no"'):
         merge(tmp_path / "out", [a, b])
+
+
+def test_a_table_says_that_several_machines_were_timed(parts: tuple[Path, list[Path]], tmp_path: Path) -> None:
+    other = copy(parts[1][1], tmp_path / "other")
+    edit(other / "scenes/copy/s00001.json", lambda d: d["host"].update(cpu="another", cores=64, threads=8))
+    merge(tmp_path / "out", [parts[1][0], other])
+    notes = [line for line in read_runs([tmp_path / "out"]).caption if line.startswith("Timings are of 2 settings")]
+    assert len(notes) == 1
+    assert "another, 64 cores, 8 threads" in notes[0]
+    assert not any("settings" in line for line in read_runs([parts[1][0]]).caption)
 
 
 def test_the_command_line(parts: tuple[Path, list[Path]], tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
