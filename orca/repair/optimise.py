@@ -13,8 +13,7 @@ from orca.camera import Camera
 from orca.config import RenderConfig
 from orca.conventions import Float32Array
 from orca.field.decoders import Decoders
-from orca.render.aggregation import PaddedHits
-from orca.render.reference import gather_hits, integrate, ray_tensors
+from orca.render.flat import FlatHits, render_flat
 from orca.render.selector import select
 
 __all__ = ["LocalTarget", "optimise_new"]
@@ -58,12 +57,10 @@ def optimise_new(
     """
     if steps == 0 or len(new) == 0:
         return new
-    rows = select(GaussianAnchors.concatenate(existing, new), target.camera, render).padded(target.rays)
+    ray, anchor = select(GaussianAnchors.concatenate(existing, new), target.camera, render).flat(target.rays)
     # Only anchors that these rays hit take part: the rest of the scene costs nothing.
-    used = torch.from_numpy(np.unique(rows[rows >= 0]))
-    lookup = torch.full((len(existing) + len(new) + 1,), -1, dtype=torch.long)
-    lookup[used] = torch.arange(len(used))
-    hit_anchor = lookup[torch.from_numpy(rows)]  # -1 reads the last entry, which stays -1
+    used, own = (torch.from_numpy(x) for x in np.unique(anchor, return_inverse=True))
+    hits = FlatHits(torch.from_numpy(ray), own, len(target.rays))
     old_used, new_used = used[used < len(existing)], used[used >= len(existing)] - len(existing)
     constant, movable = existing.subset(old_used), new.subset(new_used)
     features = nn.Parameter(movable.features.clone())
@@ -71,19 +68,14 @@ def optimise_new(
     moving = (_Adam(features, _FEATURE_RATE), _Adam(opacity, _OPACITY_RATE))
     floor = float(np.log(min_opacity / (1 - min_opacity))) if min_opacity < 1 else 10.0
     best, best_loss = (movable.features, movable.opacity_logits), float("inf")
-    pixels = torch.from_numpy(
-        np.stack([target.rays % target.camera.width + 0.5, target.rays // target.camera.width + 0.5], 1)
-    ).float()
-    # Only features and opacities move, so where each ray meets each anchor is found once.
     neighbourhood = GaussianAnchors.concatenate(constant, movable)
-    with torch.no_grad():
-        fixed = gather_hits(neighbourhood, *ray_tensors(neighbourhood, target.camera, pixels), hit_anchor)
     for step in range(steps + 1):
-        every_feature = torch.cat([constant.features, features])
-        every_opacity = torch.sigmoid(torch.cat([constant.opacity_logits, opacity]))
-        index = hit_anchor.clamp_min(0)
-        hits = replace(fixed, features=every_feature[index], opacity=every_opacity[index])
-        loss = _loss(hits, decoders, target, render)
+        moved = replace(
+            neighbourhood,
+            features=torch.cat([constant.features, features]),
+            opacity_logits=torch.cat([constant.opacity_logits, opacity]),
+        )
+        loss = _loss(moved, hits, decoders, target, render)
         if loss.item() < best_loss:
             best, best_loss = (features.detach().clone(), opacity.detach().clone()), loss.item()
         if step == steps:
@@ -114,9 +106,13 @@ class _Adam:
         self.parameter.sub_(self.rate * first / (second.sqrt() + 1e-8))
 
 
-def _loss(hits: PaddedHits, decoders: Decoders, target: LocalTarget, render: RenderConfig) -> Tensor:
+def _loss(
+    anchors: GaussianAnchors, hits: FlatHits, decoders: Decoders, target: LocalTarget, render: RenderConfig
+) -> Tensor:
     """Colour and coverage inside the hole, appearance around it."""
-    rgb, alpha, _ = integrate(hits, decoders, None, render)
+    width = target.camera.width
+    pixels = torch.from_numpy(np.stack([target.rays % width + 0.5, target.rays // width + 0.5], 1)).float()
+    rgb, alpha, _ = render_flat(anchors, decoders, target.camera, pixels, hits, render)
     image = rgb + (1 - alpha)[:, None] * render.background
     error = (image - torch.from_numpy(target.rgb)).abs().mean(1)
     inside = torch.from_numpy(target.inside)
