@@ -2,7 +2,7 @@
 (() => {
   const data = JSON.parse(document.getElementById("data").textContent);
   /* Okabe and Ito's, which differ for every kind of colour vision; what a colour means is always written beside it. */
-  const colours = ["#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#6b7884", "#8a7a4a", "#7a68b8"];
+  const colours = ["#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#6b7884", "#8a7a4a", "#7a68b8", "#b8473f", "#4a8f92", "#9c6b30"];
   const colour = (method) => colours[Math.max(0, data.methods.indexOf(method)) % colours.length];
   const byId = (id) => document.getElementById(id);
   const finite = (value) => typeof value === "number" && Number.isFinite(value);
@@ -166,7 +166,7 @@
       circle.addEventListener("pointerleave", hideTip);
       circle.addEventListener("blur", hideTip);
       const [x0b, y0b, x1b, y1b] = boxes[i], near = [Math.min(Math.max(x, x0b), x1b), Math.min(Math.max(y, y0b), y1b)];
-      if (Math.hypot(near[0] - x, near[1] - y) > 17) svg.append(make("line", { class: "leader", stroke: colour(p.method), x1: x, y1: y, x2: near[0], y2: near[1] }));
+      if (Math.hypot(near[0] - x, near[1] - y) > 13.5) svg.append(make("line", { class: "leader", stroke: colour(p.method), x1: x, y1: y, x2: near[0], y2: near[1] }));
       svg.append(circle, make("text", { class: "name", x: (x0b + x1b) / 2, y: y1b - 4, "text-anchor": "middle" }, p.short));
     });
     byId("chart-body").replaceChildren(svg);
