@@ -122,13 +122,8 @@ def read_runs(roots: Sequence[Path], slim: bool = False) -> Measured:
     scenes = tuple(dict.fromkeys(scene for run in runs for scene in run["scenes"]))
     ids = dict.fromkeys(metric_id for run in runs for metric_id in run["metrics"])
     columns = tuple(_column(metric_id, records.values(), runs) for metric_id in ids)
-    caption = (
-        *map(_caption, runs),
-        *_codec_notes(runs, records),
-        *_version_notes(records),
-        *_host_notes(records),
-        *_edit_notes(edited),
-    )
+    notes = (*_codec_notes(runs, records), *_version_notes(records), *_host_notes(records), *_edit_notes(edited))
+    caption = (*map(_caption, runs), *notes)
     return Measured(datasets[0], scenes, tuple(methods), columns, records, caption)
 
 
@@ -237,9 +232,12 @@ def _codec_notes(runs: Sequence[Mapping[str, Any]], records: Mapping[tuple[str, 
 
 
 def _host_notes(records: Mapping[tuple[str, str], CellRecord]) -> list[str]:
-    """Seconds of several machines, or with several numbers of threads, are not those of one."""
-    hosts = sorted({_machine(record.host) for record in records.values() if record.host})
-    return [f"Timings are of {len(hosts)} settings: {'; '.join(hosts)}."] if len(hosts) > 1 else []
+    """Seconds of several machines, or with several numbers of threads, are not those of one: said of such rows."""
+    settings: dict[str, set[str]] = {}
+    for (label, _), record in records.items():
+        settings.setdefault(label, set()).add(_machine(record.host))
+    mixed = sorted({machine for found in settings.values() if len(found) > 1 for machine in found})
+    return [f"Timings are of {len(mixed)} settings: {'; '.join(mixed)}."] if mixed else []
 
 
 def _machine(host: Mapping[str, Any]) -> str:
