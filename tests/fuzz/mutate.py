@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import random
+from copy import deepcopy
 from typing import Any
 
 __all__ = ["mutated_json"]
@@ -31,7 +32,7 @@ def mutated_json(content: bytes, size: int, seed: int) -> bytes | None:
 def _changed(node: Any, rng: random.Random) -> Any:
     """Walk down at random and change what is there."""
     if not isinstance(node, dict | list) or not node or rng.random() < 0.15:
-        return rng.choice(_ODD)
+        return deepcopy(rng.choice(_ODD))
     key = rng.choice(list(node)) if isinstance(node, dict) else rng.randrange(len(node))
     act = rng.random()
     if act < 0.7:
@@ -39,7 +40,7 @@ def _changed(node: Any, rng: random.Random) -> Any:
     elif act < 0.8:
         del node[key]
     elif isinstance(node, list):
-        node.insert(key, node[key])
+        node.insert(key, deepcopy(node[key]))  # a part that is there twice could come to hold itself
     else:
-        node[rng.choice([*node, "x"])] = node[key]
+        node[rng.choice([*node, "x"])] = deepcopy(node[key])
     return node
