@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 __all__ = [
+    "add_anchors",
     "add_cameras",
     "add_chart",
     "add_compare",
@@ -104,6 +105,15 @@ def add_verify(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("run", type=Path, metavar="RUN", help="folder of a run")
     parser.add_argument("--data-root", type=Path, metavar="DIR", help="where the data lie now (where they lay then)")
     parser.add_argument("--quick", action="store_true", help="do not decode the stored frames")
+
+
+def add_anchors(parser: argparse.ArgumentParser) -> None:
+    parser.description = "Quality against anchors on each scene's image: regular grids, and grown by residual."
+    parser.add_argument("--scenes", action="append", metavar="A,B", help="scenes, separated by commas (all)")
+    parser.add_argument("--target-psnr", type=float, default=40.0, metavar="DB", help="where a curve ends (40)")
+    parser.add_argument("--price", type=float, default=0.05, metavar="DB", help="a thousand anchors' least gain (0.05)")
+    parser.add_argument("--out", type=Path, metavar="DIR", help="write the chart, its figures and a page there")
+    _add_dataset(parser)
 
 
 def add_speed(parser: argparse.ArgumentParser) -> None:

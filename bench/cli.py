@@ -39,6 +39,7 @@ _VERBS: dict[str, tuple[str, Callable[[argparse.ArgumentParser], None], str]] = 
         arguments.add_stability,
         "stability:stability_command",
     ),
+    "anchors": ("chart quality against anchors", arguments.add_anchors, "anchors:anchors_command"),
     "validate": (
         "say whether a folder of frames or splats is usable",
         arguments.add_validate,

@@ -182,7 +182,7 @@ class GrowthConfig:
     max_anchors: int | None = None
     price: float | None = None
     start_per_pixel: float = 0.0625
-    growth: float = 1.3
+    growth: float = 1.6
     solver_steps: int = 1
     min_gain_db: float = 0.03
     patience: int = 4

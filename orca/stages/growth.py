@@ -125,7 +125,7 @@ def _why(steps: list[GrowthStep], most: int, config: GrowthConfig) -> str | None
     last = steps[-1]
     if config.target_psnr is not None and last.psnr_db >= config.target_psnr:
         return f"reached {config.target_psnr:g} dB"
-    if most - last.anchors < 3:
+    if config.max_anchors is not None and most - last.anchors < 3:
         return f"reached {most} anchors"
     if config.price is not None and len(steps) > 1:
         before = steps[-2]

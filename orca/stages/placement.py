@@ -60,8 +60,8 @@ def quadtree(
     merits = _merits(image, depth, importance, sizes, config)
     if margin is not None and sizes[0] > LEVELS[0]:
         fine = np.pad(~margin, pad) | depth_edges(depth, config)
-        for merit, size in zip(merits[: 1 - len(LEVELS)], sizes, strict=False):
-            merit[_cell_sums(fine, size) > 0] = np.inf
+        for coarse, size in zip(merits[: 1 - len(LEVELS)], sizes, strict=False):
+            coarse[_cell_sums(fine, size) > 0] = np.inf
     threshold = _threshold(merits, rows * columns, budget)
     centres, sides = [], []
     alive = np.ones((rows, columns), bool)
