@@ -134,7 +134,7 @@ def run_curves(
                     continue
                 reporter.phase(job.name, job.method, "run", 0, 1)
                 report = worker.run(job)
-                values = {view: report.verdict.numbers.get(view) for view in VIEWS}
+                values: dict[str, Any] = {view: report.verdict.numbers.get(view) for view in VIEWS}
                 values |= {"outcome": report.verdict.outcome, "detail": report.verdict.detail}
                 values |= {"seconds": round(report.seconds, 3), "cpu_s": round(report.cpu_s, 3)}
                 rows.add(job, versions[job.method], values | {"limits": asdict(limits)})

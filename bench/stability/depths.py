@@ -48,7 +48,7 @@ def inverted() -> Float32Array:
 def checkerboard() -> Float32Array:
     """A step of depth between any two neighbours."""
     y, x = np.mgrid[:SIZE, :SIZE]
-    return np.asarray(np.where((x + y) % 2 == 0, 0.5, 1.5), np.float32)
+    return np.where((x + y) % 2 == 0, np.float32(0.5), np.float32(1.5))
 
 
 def poles() -> Float32Array:
@@ -66,7 +66,8 @@ def ramp() -> Float32Array:
 def stairs() -> Float32Array:
     """Eight levels of depth, as a heavily quantised map has them."""
     depth = object_depth()
-    return (np.ceil(depth / depth.max() * 8) / 8 * depth.max()).astype(np.float32)
+    nearest: Float32Array = (np.ceil(depth / depth.max() * 8) / 8 * depth.max()).astype(np.float32)
+    return nearest
 
 
 def pole_picture() -> UInt8Array:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Self
+from typing import TYPE_CHECKING, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +14,7 @@ from bench.adapters.adapter import MethodOutput, RunOptions
 from bench.adapters.views import render_case
 from bench.datasets.case import SceneCase
 from bench.stability.case import StabilityCase
-from bench.stability.outcome import FINISHED
+from bench.stability.outcome import DEGRADED, FALLBACK, FINISHED
 from bench.stability.scenes import SIZE, make_scene, picture
 from orca.camera import Camera
 from orca.conventions import Float32Array, to_float
@@ -22,6 +22,9 @@ from orca.priors.choose import Priors
 from orca.priors.depth import DepthEstimate
 from orca.priors.hub import ModelAccess
 from orca.priors.spec import PriorSpec
+
+if TYPE_CHECKING:
+    from orca.pipeline import Reconstruction
 
 __all__ = ["PRIOR_CASES", "run_with_priors"]
 
@@ -111,7 +114,16 @@ def run_with_priors(case: SceneCase, options: RunOptions, alter: Callable[[Prior
     depth = DepthEstimate(case.depth, case.depth_source, case.depth_is_metric)
     cameras = case.eval_trajectory.cameras()
     result = reconstruct(to_float(case.image), case.camera, depth, cameras, config, priors=priors, seed=options.seed)
-    return render_case(result.scene.renderer().render, case, options, {}, result.record.get("notes", ()))
+    return render_case(result.scene.renderer().render, case, options, {}, _fallbacks(result))
+
+
+def _fallbacks(result: Reconstruction) -> tuple[str, ...]:
+    """What was done instead of what a prior was asked for, in ORCA's own words."""
+    repairs = [row["reason"] for row in result.ledger["repairs"] if row["rule"] == "generative_failed"]
+    priors = result.record["priors"]
+    beyond = [priors["outpainter_failed"]] if "outpainter_failed" in priors else []
+    margin = [priors["margin_depth"]] if "failed" in priors["margin_depth"] else []
+    return tuple(f"{FALLBACK}{words}" for words in dict.fromkeys([*beyond, *margin, *repairs]))
 
 
 def uncovering() -> SceneCase:
@@ -141,18 +153,21 @@ def _depth(answer: Answer) -> Callable[[Priors], Priors]:
     return lambda priors: replace(priors, outpainter=Repeating(), depth=FaultyDepth(answer))
 
 
-def _case(name: str, about: str, priors: Callable[[Priors], Priors]) -> StabilityCase:
-    return StabilityCase(name, "priors", about, FINISHED, scene=_scene, priors=priors)
+def _case(
+    name: str, about: str, priors: Callable[[Priors], Priors], expected: tuple[str, ...] = (DEGRADED,)
+) -> StabilityCase:
+    """A prior that fails must have been asked and replaced, and the result must say so."""
+    return StabilityCase(name, "priors", about, expected, scene=_scene, priors=priors)
 
 
 PRIOR_CASES = (
     _case("inpainter-raises", "an inpainter that raises RuntimeError", _inpainter(raises)),
     _case("inpainter-nan", "an inpainter that returns NaN", _inpainter(nan)),
-    _case("inpainter-wild", "an inpainter that returns values up to 1e4", _inpainter(wild)),
+    _case("inpainter-wild", "an inpainter that returns values up to 1e4", _inpainter(wild), FINISHED),
     _case("inpainter-half-size", "an inpainter that returns half the size", _inpainter(half_size)),
     _case("outpainter-raises", "an outpainter that raises RuntimeError", _outpainter(raises)),
     _case("outpainter-nan", "an outpainter that returns NaN", _outpainter(nan)),
-    _case("outpainter-wild", "an outpainter that returns values up to 1e4", _outpainter(wild)),
+    _case("outpainter-wild", "an outpainter that returns values up to 1e4", _outpainter(wild), FINISHED),
     _case("outpainter-half-size", "an outpainter that returns half the size", _outpainter(half_size)),
     _case("depth-model-raises", "a depth model that raises RuntimeError", _depth(raises)),
     _case("depth-model-nan", "a depth model that returns NaN", _depth(nan)),

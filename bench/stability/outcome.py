@@ -19,6 +19,7 @@ __all__ = [
     "CRASH",
     "DEGRADED",
     "EXACT",
+    "FALLBACK",
     "FAITHFUL_DB",
     "FINISHED",
     "HOLES_ALLOWED",
@@ -46,6 +47,7 @@ FINISHED = (EXACT, DEGRADED)
 HONEST = (EXACT, DEGRADED, TYPED)
 CONTAINED = (*HONEST, OUT_OF_MEMORY)
 
+FALLBACK = "fallback: "  # how a note begins that says what was done instead of what was asked for
 HOLES_ALLOWED = 0.01  # share of the pixels of all views
 FAITHFUL_DB = 25.0  # PSNR of the input view from which on nothing of the input counts as lost
 
@@ -71,7 +73,7 @@ def judge(case: SceneCase, output: MethodOutput, complaint: str | None = None) -
     Silent wrong: another number or shape of views than asked for, NaN in coverage or in covered depth, a view that
     counts as covered with no point in it, more than 1 % holes that no note mentions, or a ``complaint`` of the case's
     own check. Degraded: more than 1 % holes that a note mentions, or pixels painted in without geometry, or an input
-    view under 25 dB. Else exact.
+    view under 25 dB, or a fallback. Else exact.
 
     Args:
         case: what was asked for.
@@ -90,7 +92,7 @@ def judge(case: SceneCase, output: MethodOutput, complaint: str | None = None) -
     complaint = _broken_depth(output) or _empty_views(output) or complaint
     if complaint:
         return Verdict(SILENT_WRONG, complaint, numbers)
-    lost = []
+    lost = [note.removeprefix(FALLBACK) for note in output.notes if note.startswith(FALLBACK)]
     if holes is not None and holes > HOLES_ALLOWED:
         if not any("hole" in note.lower() for note in output.notes):
             return Verdict(SILENT_WRONG, f"{holes:.1%} holes, and no word about them", numbers)

@@ -108,6 +108,11 @@ def test_what_was_lost_of_the_input_counts() -> None:
     assert judge(SCENE, output(input_view=None)).outcome == EXACT
 
 
+def test_a_fallback_is_a_loss() -> None:
+    verdict = judge(SCENE, output(notes=("fallback: repaired locally", "a remark")))
+    assert (verdict.outcome, verdict.detail) == (DEGRADED, "repaired locally")
+
+
 def test_wrong_shapes_and_complaints_are_wrong() -> None:
     assert judge(SCENE, output(frames=output().frames[:2])).outcome == SILENT_WRONG
     assert judge(SCENE, output(), "all views are green") == Verdict(
