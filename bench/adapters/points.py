@@ -23,8 +23,8 @@ SWEEP = (
     "orca@anchors=16384+repair=off",
     "orca@canvas=off+repair=off",
     "orca@repair=off",
-    "orca@decode=per_hit+repair=off",
-    "orca@anchors=262144+repair=off",
+    "orca@anchors=16384+decode=per_hit+repair=off",
+    "orca@anchors=131072+repair=off",
     "orca",
 )
 """The points of ORCA that ``bench sweep`` runs unless told otherwise.
