@@ -1,0 +1,35 @@
+"""Each fault of the table in docs/faults.md: injected, and nothing is lost."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from tests.faults.__main__ import DOCS, OPEN
+from tests.faults.forks import Forks
+from tests.faults.scenarios import SCENARIOS, Workbench
+
+
+@pytest.fixture(scope="module")
+def bench() -> Iterator[Forks]:
+    with Forks("tests.faults.jobs:bench_job") as forks:
+        yield forks
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", [name for name in SCENARIOS if name != "kill -9 at every write point of a run"])
+def test_nothing_is_lost(bench: Forks, tmp_path: Path, name: str) -> None:
+    """(What is left out here is test_faults_kill.py.)"""
+    try:
+        told = SCENARIOS[name](Workbench(bench, tmp_path))
+    except PermissionError as error:
+        pytest.skip(str(error))
+    assert told.lost == ()
+
+
+def test_the_table_has_every_fault_and_no_loss() -> None:
+    rows = [line.split(" | ") for line in DOCS.read_text(encoding="utf-8").splitlines() if line.startswith("| ")][1:]
+    assert [row[0].removeprefix("| ") for row in rows] == list(SCENARIOS)
+    assert {row[2].removesuffix(" |") for row in rows if row[1] != OPEN} == {"nothing"}
