@@ -31,8 +31,8 @@ def fake_bench(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> list[str]:
     monkeypatch.setattr(run_verb, "METRICS", fakes.METRICS)
     real = run_verb.run_bench
 
-    def run_bench(request: Any, reporter: Any) -> Any:
-        return real(request, reporter, fakes.METHODS, fakes.METRICS)
+    def run_bench(request: Any, reporter: Any, executor: Any) -> Any:
+        return real(request, reporter, fakes.METHODS, fakes.METRICS, executor)
 
     monkeypatch.setattr(run_verb, "run_bench", run_bench)
     return ["run", "--out", str(tmp_path / "out"), "--metrics", "bright,covered"]
