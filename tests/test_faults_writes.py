@@ -37,9 +37,8 @@ KNOWN = {
     ("orca/video.py", "_encode"): "the path is the unfinished one of `write_video`",
     ("bench/cli.py", "_print"): "the null device",
     ("bench/memory.py", "_reset"): "a switch of the system",
-    ("bench/stability/worker.py", "_serve"): "the log of a process, in a temporary file",
 }
-SCRATCH = tuple(f"bench/stability/{name}.py" for name in ("ends", "files", "scenes"))  # inputs, in a temporary folder
+SCRATCH = tuple(f"bench/stability/{name}.py" for name in ("ends", "files", "scenes", "worker"))  # all temporary
 MEMORY = ("(buffer", "(file,", ", buffer,", ".save(out,")  # a stream in memory has no name
 
 

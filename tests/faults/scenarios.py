@@ -174,10 +174,10 @@ def _misbehaving(
 def _stuck(bench: Workbench) -> Told:
     """Compiled code that hears no signal: the process ends after writing down why; the next run goes on."""
     wanted = bench.whole()
-    first = bench.run(switches={"bright a": "spin"}, cell_timeout=0.5)
+    first = bench.run(switches={"bright a": "spin"}, cell_timeout=8.0)
     lost = [] if first.code == 75 else [f"exit code {first.code}, not 75"]
-    second = bench.run(switches={"bright a": "spin"}, cell_timeout=0.5)  # its second method hangs as well
-    third = bench.run(switches={"bright a": "spin"}, cell_timeout=0.5)
+    second = bench.run(switches={"bright a": "spin"}, cell_timeout=8.0)  # its second method hangs as well
+    third = bench.run(switches={"bright a": "spin"}, cell_timeout=8.0)
     lost += [] if (second.code, third.code) == (75, 0) else [f"exit codes {second.code}, {third.code}"]
     return Told(
         "written down as timed out; the process ends (75), the same command goes on with the next step",
@@ -336,10 +336,10 @@ SCENARIOS: dict[str, Callable[[Workbench], Told]] = {
         "timed_out",
         [["dark", "a"], ["light", "a"]],
         "its scores are failures: timed out; all else is finished",
-        cell_timeout=0.5,
+        cell_timeout=8.0,
     ),
     "a method that sleeps for ever (`--cell-timeout`)": _misbehaving(
-        "dark a", "hang", "timed_out", [["dark", "a"]], "that cell is a failure: timed out", cell_timeout=0.5
+        "dark a", "hang", "timed_out", [["dark", "a"]], "that cell is a failure: timed out", cell_timeout=8.0
     ),
     "a metric that never returns from compiled code": _stuck,
     "a method without memory": _misbehaving(
