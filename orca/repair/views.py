@@ -111,7 +111,7 @@ def _patches(boxes: NDArray[np.int32]) -> list[Box]:
         return []
     left, top, right, bottom = around
     boxes = boxes[(boxes[:, 2] > boxes[:, 0]) & (boxes[:, 3] > boxes[:, 1])]
-    cells: NDArray[np.int64] = (boxes - np.array([left, top, left + 1, top + 1], np.int64)) // _CELL
+    cells = (boxes.astype(np.int64) - np.array([left, top, left + 1, top + 1])) // _CELL
     # A footprint adds one at its first cell and takes it back after its last one, along both axes.
     count = np.zeros(((bottom - top - 1) // _CELL + 2, (right - left - 1) // _CELL + 2), np.int64)
     for row, column, sign in ((1, 0, 1), (3, 0, -1), (1, 2, -1), (3, 2, 1)):
