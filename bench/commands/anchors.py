@@ -18,6 +18,7 @@ from orca.errors import BadInput
 __all__ = ["anchors_command"]
 
 _COLUMNS = ["scene", "target_db", "placement", "anchors", "psnr_db", "fit_cpu_s", "frame_cpu_ms"]
+_TICKS = range(14, 19)  # of the chart: 16k to 262k anchors
 _DIGITS = {"psnr_db": ".3f", "fit_cpu_s": ".2f", "frame_cpu_ms": ".0f"}
 
 
@@ -128,6 +129,9 @@ def _draw(path: Path, curves: Sequence[SceneCurve], goal: Goal) -> None:
         axis.axhline(goal.psnr_db, color="grey", lw=0.5)
         axis.set(title=f"{curve.scene}: {knee.anchors / 1000:.0f}k ({why})", xscale="log", xlabel="anchors")
         axis.set_ylabel("PSNR [dB]")
+        axis.set_xticks([2**k for k in _TICKS], [f"{2**k // 1000}k" for k in _TICKS])
+        axis.set_xticks([], minor=True)
+        axis.tick_params(labelbottom=True, labelsize=7)
         axis.grid(alpha=0.3)
     axes[0][0].legend(fontsize=7)
     figure.tight_layout()
