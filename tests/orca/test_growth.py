@@ -102,15 +102,15 @@ def test_it_stops_at_the_target_and_not_long_after() -> None:
 
 
 def test_a_price_stops_where_a_thousand_anchors_gain_less() -> None:
-    growth = grown(spotted(), price=4.0)
-    assert "less than their price of 4" in growth.stopped
+    growth = grown(spotted(), price=10.0)
+    assert "less than their price of 10" in growth.stopped
     rates = [(b.psnr_db - a.psnr_db) / (b.anchors - a.anchors) * 1000 for a, b in pairwise(growth.steps)]
-    assert rates[-1] < 4
-    assert all(rate >= 4 for rate in rates[:-1])
+    assert rates[-1] < 10
+    assert all(rate >= 10 for rate in rates[:-1])
 
 
 def test_a_higher_price_buys_no_more_anchors() -> None:
-    counts = [grown(spotted(), price=price).steps[-1].anchors for price in (1.0, 4.0, 16.0)]
+    counts = [grown(spotted(), price=price).steps[-1].anchors for price in (5.0, 10.0, 20.0)]
     assert counts == sorted(counts, reverse=True)
 
 
