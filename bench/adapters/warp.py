@@ -16,7 +16,6 @@ from bench.datasets.case import SceneCase
 from bench.warping import forward_splat
 from orca.camera import Camera
 from orca.conventions import Float32Array, UInt8Array
-from orca.threads import map_on_cores
 
 __all__ = ["WARP", "WARP_NEAREST", "WARP_TELEA", "Warp"]
 
@@ -73,6 +72,8 @@ class Warp:
 
     def _views(self, case: SceneCase, cameras: Sequence[Camera], clock: dict[str, float]) -> list[_View]:
         """Colours, coverage and depth at some cameras; adds the seconds to the clock."""
+        from orca.threads import map_on_cores  # loads torch
+
         started = time.perf_counter()
         splats = map_on_cores(lambda camera: forward_splat(case.image, case.depth, case.camera, camera), cameras)
         splatted = time.perf_counter()

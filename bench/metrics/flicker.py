@@ -30,7 +30,6 @@ from bench.warping import depth_edges, project_depth
 from orca.camera import Camera
 from orca.conventions import Float32Array, Float64Array, UInt8Array
 from orca.errors import BadInput
-from orca.threads import map_on_cores
 
 __all__ = ["NO_DEPTH", "Flicker"]
 
@@ -142,6 +141,8 @@ def _by_own_depth(case: SceneCase, output: MethodOutput, depths: Float32Array) -
 
 def _over_pairs(view: Callable[[int], V], compare: Callable[[V, V], _Pair], count: int) -> list[_Pair]:
     """``compare`` every two consecutive of ``count`` views, stretches of the path on a core each."""
+    from orca.threads import map_on_cores  # loads torch
+
     step = -(-(count - 1) // _STRETCHES)
 
     def stretch(first: int) -> list[_Pair]:

@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 from bench.datasets.case import SceneCase
 from bench.warping import sure_points
 from orca.camera import Camera
-from orca.threads import map_on_cores
 
 __all__ = ["SURE_RULE", "SureMasks", "forget_sure_masks", "sure_masks"]
 
@@ -68,6 +67,8 @@ class _CaseKey:
 
 @lru_cache(maxsize=CASES_KEPT)
 def _computed(key: _CaseKey) -> SureMasks:
+    from orca.threads import map_on_cores  # loads torch
+
     case = key.case
 
     def work(camera: Camera) -> tuple[NDArray[np.uint8], float]:

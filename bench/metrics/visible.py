@@ -17,7 +17,6 @@ from bench.warping import project_depth
 from orca.camera import Camera
 from orca.conventions import UInt8Array
 from orca.errors import BadInput
-from orca.threads import map_on_cores
 
 __all__ = ["VisiblePsnr"]
 
@@ -55,6 +54,8 @@ class VisiblePsnr:
             )
         masks = sure_masks(case)
         cameras = case.eval_trajectory.cameras()
+        from orca.threads import map_on_cores  # loads torch
+
         mses = map_on_cores(lambda view: _frame_mse(case, *view), zip(cameras, output.frames, masks, strict=True))
         return {"visible_psnr": _score(mses, masks.shares)}
 

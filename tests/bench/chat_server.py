@@ -82,11 +82,13 @@ def chat_server() -> Iterator[ChatServer]:
     class Handler(BaseHTTPRequestHandler):
         def do_POST(self) -> None:
             try:
-                _send(self, state, state.take(self))
+                reply = state.take(self)
+            finally:
+                state.done()  # before the client hears of it, and asks the next
+            try:
+                _send(self, state, reply)
             except OSError:
                 pass  # the client has gone: what several tests are about
-            finally:
-                state.done()
 
         def log_message(self, *args: Any) -> None:
             pass

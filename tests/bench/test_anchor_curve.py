@@ -18,7 +18,8 @@ from bench.datasets.case import SceneCase
 
 def curve(*grown: tuple[int, float]) -> SceneCurve:
     grids = [CurvePoint("grid", n, db, 1.0, 10.0) for n, db in ((25_000, 28.0), (50_000, 31.0), (100_000, 90.0))]
-    return SceneCurve("a", 40.0, (*grids, *(CurvePoint("grown", n, db, 1.0) for n, db in grown)))
+    rounds = [CurvePoint("grown", n, db, 1.0, 10.0) for n, db in grown]
+    return SceneCurve("a", 40.0, (*grids, *rounds))
 
 
 def test_what_a_quality_needs_lies_on_a_straight_line_between_rounds() -> None:

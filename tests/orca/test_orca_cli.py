@@ -73,6 +73,7 @@ def calls(monkeypatch: pytest.MonkeyPatch) -> list[dict[str, Any]]:
         seen.append({"camera": camera, "depth": depth, "trajectory": trajectory, "config": config, **rest})
         rest["progress"]("planar fit", 1, 1)
         record: dict[str, Any] = {"seconds": {"planar": 0.5}, "input_psnr": {"final": 30.0}, "anchors": {"original": 1}}
+        record["growth"] = {"stopped": "the preset's count", "curve": []}
         record["priors"] = {"outpainter": "mirror", "inpainter": "classical", "depth": "none"}
         return Reconstruction(small_scene(camera), {"schema_version": 1, "repairs": []}, record)
 
@@ -230,7 +231,7 @@ def test_bad_input_is_three_lines_and_exit_code_2(
     assert "is a file" in refused(capsys, *start, scene_file, *depth)
     assert "170 degrees" in refused(capsys, *start, out, *depth, "--hfov", 500)
     assert "device 'tpu'" in refused(capsys, *start, out, *depth, "--device", "tpu")
-    assert "camera file" in refused(capsys, *start, out, *depth, "--trajectory", tmp_path / "no.json")
+    assert "cannot be read" in refused(capsys, *start, out, *depth, "--trajectory", tmp_path / "no.json")
     assert "not a scene file" in refused(capsys, "info", image)
     assert "not a scene file" in refused(capsys, "export", tmp_path / "no.safetensors", tmp_path / "s.ply")
     video = tmp_path / "v.mp4"
