@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import numba
 import numpy as np
 import torch
 from numpy.typing import NDArray
@@ -12,7 +13,6 @@ from orca.anchors import FEATURE_DIM
 from orca.config import HashConfig
 from orca.conventions import Float32Array
 from orca.errors import BadInput
-from orca.threads import kernel
 
 __all__ = ["HashEncoding"]
 
@@ -86,7 +86,7 @@ class _Interpolate(torch.autograd.Function):
         ctx.size = table.shape  # type: ignore[attr-defined]
         out = torch.empty(len(index), rows.shape[1] * table.shape[1])
         arrays = (x.detach().numpy() for x in (table, rows, weights, index, out))
-        _interpolate(len(index), *arrays)
+        _interpolate(*arrays)
         return out
 
     @staticmethod
@@ -94,14 +94,13 @@ class _Interpolate(torch.autograd.Function):
         rows, weights, index = ctx.saved_tensors  # type: ignore[attr-defined]
         out = torch.zeros(ctx.size)  # type: ignore[attr-defined]
         arrays = (x.numpy() for x in (grad.contiguous(), rows, weights, index, out))
-        _spread(rows.shape[1], *arrays)
+        _spread(*arrays)
         return out, None, None, None
 
 
-@kernel(error_model="numpy")
+# Between torch operations numba's own threads wait less than a pool's: torch's spin on the cores for a while.
+@numba.njit(parallel=True, nogil=True, cache=True, error_model="numpy")  # type: ignore[untyped-decorator]
 def _interpolate(
-    first: int,
-    end: int,
     table: Float32Array,
     rows: NDArray[np.int32],
     weights: Float32Array,
@@ -110,7 +109,7 @@ def _interpolate(
 ) -> None:
     """Features [n, levels * C] of the anchors ``index`` [n], from table rows [N, levels, 4]."""
     levels, corners, width = rows.shape[1], rows.shape[2], table.shape[1]
-    for j in range(first, end):
+    for j in numba.prange(len(index)):
         i = index[j]
         for level in range(levels):
             for c in range(width):
@@ -120,19 +119,17 @@ def _interpolate(
                 out[j, level * width + c] = total
 
 
-@kernel(error_model="numpy")
+@numba.njit(parallel=True, nogil=True, cache=True, error_model="numpy")  # type: ignore[untyped-decorator]
 def _spread(
-    first: int,
-    end: int,
     grad: Float32Array,
     rows: NDArray[np.int32],
     weights: Float32Array,
     index: NDArray[np.int64],
     out: Float32Array,
 ) -> None:
-    """The transpose of `_interpolate` for some levels, added to ``out``: levels share no row, so none waits."""
-    corners, width = rows.shape[2], out.shape[1]
-    for level in range(first, end):
+    """The transpose of `_interpolate`, added to ``out``. Levels share no row, so each is one core's own."""
+    levels, corners, width = rows.shape[1], rows.shape[2], out.shape[1]
+    for level in numba.prange(levels):
         for j in range(len(index)):
             i = index[j]
             for k in range(corners):
