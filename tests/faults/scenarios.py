@@ -204,7 +204,11 @@ def _ctrl_c(times: int) -> Callable[[Workbench], Told]:
         wanted = bench.whole()
         root = Path(__file__).resolve().parents[2]
         run = subprocess.Popen(
-            [sys.executable, "-c", _CTRL_C, str(bench.out)], cwd=root, stderr=subprocess.PIPE, start_new_session=True
+            [sys.executable, "-c", _CTRL_C, str(bench.out)],
+            cwd=root,
+            env={**os.environ, "OMP_NUM_THREADS": "1"},  # as many as the other processes have: tables name them
+            stderr=subprocess.PIPE,
+            start_new_session=True,
         )
         end = time.monotonic() + 300
         while ("dark", "a") not in finished_cells(bench.out) or not _three_scores(bench.out):
