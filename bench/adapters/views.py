@@ -71,11 +71,11 @@ def render_case(
         frame_depth=np.stack(depths[:n]),
         timing={**(seconds or {}), "render": spent, "render_ms_per_frame": 1e3 * spent / len(cameras)},
         model=model,
-        notes=(*notes, *_about_holes(alphas)),
+        notes=(*notes, *_about_holes([*alphas[:n], *alphas[n + 1 :]])),
     )
 
 
 def _about_holes(alphas: Sequence[Float32Array]) -> tuple[str, ...]:
     """A note about what the scene does not cover, where that is more than 1 % of the pixels of all views."""
     share = float(np.mean([np.mean(~(alpha >= _COVERED)) for alpha in alphas]))
-    return (f"{share:.1%} of the pixels of all views are holes: nothing of the scene is there",) if share > 0.01 else ()
+    return (f"{share:.1%} of the pixels of all novel views are holes: nothing of the scene is there",) if share > 0.01 else ()
