@@ -78,4 +78,5 @@ def render_case(
 def _about_holes(alphas: Sequence[Float32Array]) -> tuple[str, ...]:
     """A note about what the scene does not cover, where that is more than 1 % of the pixels of all views."""
     share = float(np.mean([np.mean(~(alpha >= _COVERED)) for alpha in alphas]))
-    return (f"{share:.1%} of the pixels of all novel views are holes: nothing of the scene is there",) if share > 0.01 else ()
+    note = f"{share:.1%} of the pixels of all novel views are holes: nothing of the scene is there"
+    return (note,) if share > 0.01 else ()
