@@ -114,12 +114,13 @@ def reconstruct(
     run.timed("canvas", started)
 
     started = time.perf_counter()
-    grid, colours = _placed(canvas, observed, run)
+    surface = cleaned_depth(canvas.depth, config.deform)  # the depth that anchors are moved to
+    grid, colours = _placed(canvas, surface, observed, run)
     planar, decoders, encoding = _stage_planar(canvas, grid, colours, observed, run)
     run.timed("planar", started)
 
     started = time.perf_counter()
-    lifted = _stage_deform(planar, decoders, encoding, canvas, grid, observed, run)
+    lifted = _stage_deform(planar, decoders, encoding, canvas, surface, grid, observed, run)
     lifted = _pruned(lifted, decoders, (camera, *trajectory), run)
     run.timed("deform", started)
 
@@ -159,7 +160,9 @@ def _check(image: Float32Array, camera: Camera, depth: DepthEstimate, trajectory
         raise BadInput("an input camera that is not at the origin", "the identity pose", "move the trajectory instead")
 
 
-def _placed(canvas: Canvas, observed: Sequence[Observation], run: _Run) -> tuple[PlanarGrid, Float32Array | None]:
+def _placed(
+    canvas: Canvas, depth: Float32Array, observed: Sequence[Observation], run: _Run
+) -> tuple[PlanarGrid, Float32Array | None]:
     """Where the anchors sit: the preset's count at once, or grown as far as target, count or price ask for.
 
     Growth judges the fit at the scene's depth; the colours that it ended with come back too.
@@ -168,7 +171,6 @@ def _placed(canvas: Canvas, observed: Sequence[Observation], run: _Run) -> tuple
     if not config.growth.wanted:
         run.record["growth"] = {"stopped": "the preset's count, placed at once", "curve": []}
         return place(canvas, config.planar), None
-    depth = cleaned_depth(canvas.depth, config.deform)
     growth = grow(
         canvas,
         observed,
@@ -217,6 +219,7 @@ def _stage_deform(
     decoders: Decoders,
     encoding: HashEncoding | None,
     canvas: Canvas,
+    depth: Float32Array,
     grid: PlanarGrid,
     observed: Sequence[Observation],
     run: _Run,
@@ -224,7 +227,6 @@ def _stage_deform(
     """Stage 2: anchors move along their rays to the scene's depth; then everything but the means is fitted again."""
     config = run.config
     run.progress("depth deformation", 0, 1)
-    depth = cleaned_depth(canvas.depth, config.deform)
     lifted = _place(_lift(anchors, grid, depth, canvas, config), canvas, run)
     _note_psnr(run, "deformed", lifted, decoders, observed[0])
     if config.planar.initialisation == "closed_form":

@@ -42,11 +42,11 @@ class Kernel(Generic[P]):
         """Run the loop from 0 to ``count``; inside a worker of `map_on_cores`, on that core alone."""
         workers = numba.get_num_threads()
         if in_serial_mode() or workers == 1 or count < 2:
-            self._compiled(0, count, *args)
+            self._compiled(0, count, *args, **kwargs)
             return
         step = -(-count // min(count, _PIECES * workers))
         jobs = (
-            _pool(workers).submit(self._compiled, first, min(count, first + step), *args)
+            _pool(workers).submit(self._compiled, first, min(count, first + step), *args, **kwargs)
             for first in range(0, count, step)
         )
         for job in list(jobs):
