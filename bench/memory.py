@@ -16,9 +16,11 @@ import gc
 from collections.abc import Iterator
 from pathlib import Path
 
+from bench.processes import memory_mb
+
 __all__ = ["PeakMemory", "peak_memory"]
 
-_STATUS, _CLEAR = Path("/proc/self/status"), Path("/proc/self/clear_refs")
+_CLEAR = Path("/proc/self/clear_refs")
 _RESET_PEAK = "5"  # proc(5): resets the peak resident set size
 
 
@@ -44,12 +46,12 @@ def peak_memory() -> Iterator[PeakMemory]:
     """Measure a block. Blocks must not overlap, in threads or nested: the inner one would set the outer one's mark."""
     measured = PeakMemory()
     if _reset():
-        measured.before_mb = _resident("VmRSS")
+        measured.before_mb = memory_mb()
     try:
         yield measured
     finally:
         if measured.before_mb is not None:
-            measured.peak_mb = _resident("VmHWM")
+            measured.peak_mb = memory_mb("VmHWM")
 
 
 def _reset() -> bool:
@@ -61,14 +63,4 @@ def _reset() -> bool:
         _CLEAR.write_text(_RESET_PEAK)
     except OSError:  # not Linux, or not allowed
         return False
-    return _resident("VmHWM") is not None
-
-
-def _resident(field: str) -> float | None:
-    """A field of ``/proc/self/status`` in MB."""
-    try:
-        lines = _STATUS.read_text().splitlines()
-    except OSError:
-        return None
-    found = next((line for line in lines if line.startswith(f"{field}:")), None)
-    return None if found is None else int(found.split()[1]) * 1024 / 1e6
+    return memory_mb("VmHWM") is not None

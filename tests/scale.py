@@ -25,6 +25,7 @@ from typing import Any
 from bench.digest import sealed
 from bench.measured import read_runs
 from bench.merge import merge_runs
+from bench.processes import memory_mb
 from bench.request import RunRequest
 from bench.runner import keep_summary, run_bench
 from bench.store import RunStore, read_json
@@ -91,8 +92,7 @@ def measured(name: str, folder: Path, scenes: int) -> dict[str, Any]:
 
 def peak_mb() -> float:
     """Largest resident set of this process, MB of 1e6 bytes."""
-    status = Path("/proc/self/status").read_text().splitlines()
-    return next(int(line.split()[1]) * 1024 / 1e6 for line in status if line.startswith("VmHWM:"))
+    return memory_mb("VmHWM") or math.nan
 
 
 def growth(rows: Sequence[dict[str, Any]], sizes: Sequence[int], key: str) -> float:

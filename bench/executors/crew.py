@@ -16,8 +16,9 @@ from multiprocessing.context import SpawnProcess
 from typing import Any
 
 from bench.executors.executor import Resources
-from bench.executors.memory import available_gib, resident_gib
+from bench.executors.memory import available_gib
 from bench.executors.worker import serve
+from bench.processes import memory_mb
 from bench.scenework import SceneWork
 from orca.errors import Unavailable
 
@@ -42,7 +43,7 @@ class _Worker:
 
     @property
     def resident(self) -> float:
-        return resident_gib(self.process.pid or 0)
+        return (memory_mb(process=self.process.pid) or 0.0) * 1e6 / 2**30
 
 
 class Crew:

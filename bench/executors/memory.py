@@ -1,10 +1,10 @@
-"""How much memory there is, for this process and those it starts: Linux only, None elsewhere."""
+"""How much memory there is for new work: Linux only, None elsewhere."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
-__all__ = ["available_gib", "resident_gib"]
+__all__ = ["available_gib"]
 
 # Control groups, version 2 and version 1: the limit, what counts against it, and how much of that can be dropped.
 _GROUPS = (
@@ -21,15 +21,6 @@ def available_gib(root: Path = Path("/")) -> float | None:
     """
     found = [_meminfo(root / "proc/meminfo"), *(_group(root, *files) for files in _GROUPS)]
     return min((gib for gib in found if gib is not None), default=None)
-
-
-def resident_gib(process: int, root: Path = Path("/")) -> float:
-    """Resident memory of a process; 0 if it is gone, or nobody knows."""
-    try:
-        status = (root / f"proc/{process}/status").read_text()
-    except OSError:
-        return 0.0
-    return _kib(status, "VmRSS:") or 0.0
 
 
 def _meminfo(path: Path) -> float | None:

@@ -7,12 +7,11 @@ import os
 import pickle
 import signal
 import sys
-import threading
 import time
 import traceback
-from multiprocessing import parent_process
 from multiprocessing.connection import Connection
 
+from bench.processes import end_with_parent
 from bench.progress import SilentReporter
 from bench.scenework import SceneWork, opened
 
@@ -69,17 +68,10 @@ def _settle(threads: int, log_level: int) -> None:
     os.dup2(sys.stderr.fileno(), 1)  # stdout belongs to the document of --json
     logging.basicConfig(stream=sys.stderr, level=logging.WARNING, format="%(levelname)s %(name)s: %(message)s")
     logging.getLogger("bench").setLevel(log_level)
-    threading.Thread(target=_end_with_parent, daemon=True).start()
+    end_with_parent()
     import cv2
 
     cv2.setNumThreads(threads)
-
-
-def _end_with_parent() -> None:
-    parent = parent_process()
-    if parent is not None:
-        parent.join()
-        os._exit(1)
 
 
 def _portable(error: Exception) -> Exception:

@@ -15,6 +15,7 @@ from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from pathlib import Path
 
+from bench.processes import memory_mb
 from bench.speed.case import Backend, Setting
 
 __all__ = ["own_peak_mb", "peak_mb"]
@@ -52,11 +53,9 @@ def _run_once(setting: Setting, backend: Backend, folder: Path, base_width: int)
 
 def own_peak_mb() -> float | None:
     """Peak resident set of this process so far, MB; None where the system does not say."""
-    status = Path("/proc/self/status")
-    if status.is_file():
-        for line in status.read_text().splitlines():
-            if line.startswith("VmHWM:"):
-                return int(line.split()[1]) * 1024 / 1e6
+    peak = memory_mb("VmHWM")
+    if peak is not None:
+        return peak
     try:
         import resource
     except ImportError:  # not a POSIX system

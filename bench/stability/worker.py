@@ -8,13 +8,13 @@ import os
 import signal
 import sys
 import tempfile
-import threading
 import time
 from dataclasses import dataclass, replace
 from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Self
 
+from bench.processes import end_with_parent, memory_mb
 from bench.stability.job import Done, Job
 from bench.stability.outcome import CRASH, OUT_OF_MEMORY, TIME_OUT, Verdict
 
@@ -104,12 +104,12 @@ class Worker:
             raise RuntimeError("the worker has no process")
         mark = self._log.stat().st_size
         pipe.send(job)
-        spent, peak, before = 0.0, _resident_mb(process.pid), time.monotonic()
+        spent, peak, before = 0.0, memory_mb(process=process.pid), time.monotonic()
         worked = _cpu_seconds(process.pid)
         while not pipe.poll(_TICK_S):
             now = time.monotonic()
             spent, before = spent + min(now - before, _LONGEST_TICK_S), now
-            used = _resident_mb(process.pid)
+            used = memory_mb(process=process.pid)
             peak = None if used is None and peak is None else max(used or 0.0, peak or 0.0)
             over = self._over(_cpu_seconds(process.pid) - worked, spent, used)
             if over is not None:
@@ -179,7 +179,7 @@ def _serve(pipe: Connection, log: Path) -> None:
         os.dup2(file.fileno(), 1)
         os.dup2(file.fileno(), 2)
     faulthandler.enable(sys.__stderr__ or 2)
-    threading.Thread(target=_end_with_parent, daemon=True).start()
+    end_with_parent()
     pipe.send("ready")
     while True:
         try:
@@ -189,14 +189,6 @@ def _serve(pipe: Connection, log: Path) -> None:
         pipe.send(job.run())
 
 
-def _end_with_parent() -> None:
-    """A parent that was killed has nobody left to end its child."""
-    parent = multiprocessing.parent_process()
-    if parent is not None:
-        parent.join()
-        os._exit(1)
-
-
 def _cpu_seconds(pid: int | None) -> float:
     """CPU time of a process, all threads; 0 where the system does not say."""
     try:
@@ -204,14 +196,3 @@ def _cpu_seconds(pid: int | None) -> float:
         return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
     except (OSError, IndexError, ValueError):
         return 0.0
-
-
-def _resident_mb(pid: int | None) -> float | None:
-    """Resident memory of a process in MB; None where the system does not say."""
-    try:
-        for line in Path(f"/proc/{pid}/status").read_text().splitlines():
-            if line.startswith("VmRSS:"):
-                return int(line.split()[1]) * 1024 / 1e6
-    except OSError:
-        return None
-    return None

@@ -19,7 +19,7 @@ from hypothesis import strategies as st
 from bench.executors import Executor, InThisProcess, Resources
 from bench.executors.crew import fits, gpus_of
 from bench.executors.local import LocalWorkers, share
-from bench.executors.memory import available_gib, resident_gib
+from bench.executors.memory import available_gib
 from bench.progress import BarReporter, SilentReporter
 from bench.request import RunRequest
 from bench.runner import RunSummary, run_bench
@@ -278,8 +278,6 @@ def test_memory_is_the_machines_or_the_containers(tmp_path: Path) -> None:
     assert available_gib(tmp_path) == 8.0
     (group / "memory.max").write_text(f"{4 * 2**30}\n")
     assert available_gib(tmp_path) == 2.0
-    assert resident_gib(os.getpid()) > 0.01
-    assert resident_gib(2**22 + 1) == 0.0
 
 
 def test_the_bar_shows_every_worker(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,0 +1,69 @@
+"""What is known of processes: their memory, and children that end with their parent."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from bench.processes import memory_mb
+
+LINUX = pytest.mark.skipif(not Path("/proc/self/status").is_file(), reason="the system does not say")
+
+PARENT = """
+import multiprocessing, sys, time
+sys.path.insert(0, sys.argv[1])
+from bench.processes import end_with_parent
+
+def child(line):
+    end_with_parent()
+    line.send(multiprocessing.current_process().pid)
+    time.sleep(600)
+
+if __name__ == "__main__":
+    ours, theirs = multiprocessing.get_context("fork").Pipe()
+    process = multiprocessing.get_context("fork").Process(target=child, args=(theirs,))
+    process.start()
+    print(ours.recv(), flush=True)
+    time.sleep(600)
+"""
+
+
+@LINUX
+def test_memory_grows_by_what_is_taken_and_the_peak_stays() -> None:
+    before = memory_mb()
+    taken = np.ones(8_000_000)
+    now = memory_mb()
+    assert before is not None
+    assert now is not None
+    assert 50 < now - before < 80
+    assert taken[-1] == 1
+    peak = memory_mb("VmHWM")
+    assert peak is not None
+    assert peak >= now
+
+
+def test_a_process_that_is_gone_and_a_field_that_is_not_there_have_none() -> None:
+    assert memory_mb(process=2**22 + 1) is None
+    assert memory_mb("VmNothing") is None
+
+
+@LINUX
+def test_a_child_ends_when_its_parent_is_killed(tmp_path: Path) -> None:
+    script = tmp_path / "parent.py"
+    script.write_text(PARENT)
+    root = str(Path(__file__).resolve().parents[2])
+    parent = subprocess.Popen([sys.executable, str(script), root], stdout=subprocess.PIPE, text=True)
+    assert parent.stdout is not None
+    child = Path("/proc") / parent.stdout.readline().strip()
+    assert child.is_dir()
+    parent.kill()
+    parent.wait()
+    end = time.monotonic() + 60
+    while child.is_dir() and "\nState:\tZ" not in child.joinpath("status").read_text():
+        assert time.monotonic() < end, "it lives on"
+        time.sleep(0.05)
