@@ -18,7 +18,7 @@ from orca.errors import Unavailable
 
 __all__ = ["CASES", "CASES_VERSION", "choose_cases", "find_case"]
 
-CASES_VERSION = "1"  # raised whenever a case of the same name is another case
+CASES_VERSION = "2"  # raised whenever a case of the same name is another case, or is judged otherwise
 
 CASES: tuple[StabilityCase, ...] = (
     *IMAGE_CASES,

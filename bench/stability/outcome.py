@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -12,6 +13,7 @@ from bench.checks import BadOutput, check_output
 from bench.datasets.case import SceneCase
 from bench.metrics.coverage import COVERED
 from bench.metrics.fidelity import mean_squared_error, psnr_of_mse
+from bench.warping import forward_splat
 from orca.errors import OrcaError
 
 __all__ = [
@@ -49,7 +51,9 @@ CONTAINED = (*HONEST, OUT_OF_MEMORY)
 
 FALLBACK = "fallback: "  # how a note begins that says what was done instead of what was asked for
 HOLES_ALLOWED = 0.01  # share of the pixels of all views
+INVENTED_ALLOWED = 0.5  # share of the pixels of all frames; most paths look a little beyond the input
 FAITHFUL_DB = 25.0  # PSNR of the input view from which on nothing of the input counts as lost
+_CRACK = 9  # pixels: gaps between the points of a magnified surface are no holes
 
 
 @dataclass(frozen=True)
@@ -73,7 +77,7 @@ def judge(case: SceneCase, output: MethodOutput, complaint: str | None = None) -
     Silent wrong: another number or shape of views than asked for, NaN in coverage or in covered depth, a view that
     counts as covered with no point in it, more than 1 % holes that no note mentions, or a ``complaint`` of the case's
     own check. Degraded: more than 1 % holes that a note mentions, or pixels painted in without geometry, or an input
-    view under 25 dB, or a fallback. Else exact.
+    view under 25 dB, or a fallback, or frames that mostly show geometry where the input had none. Else exact.
 
     Args:
         case: what was asked for.
@@ -100,6 +104,9 @@ def judge(case: SceneCase, output: MethodOutput, complaint: str | None = None) -
     painted = _painted(output)
     if painted > HOLES_ALLOWED:
         lost.append(f"{painted:.1%} painted in, without geometry")
+    invented = _invented(case, output)
+    if invented > INVENTED_ALLOWED:
+        lost.append(f"{invented:.0%} of the frames is invented: the input never showed it")
     if psnr is not None and psnr < FAITHFUL_DB:
         lost.append(f"input view {psnr:.1f} dB")
     return Verdict(DEGRADED if lost else EXACT, "; ".join(lost), numbers)
@@ -147,6 +154,22 @@ def _painted(output: MethodOutput) -> float:
     """Share of all pixels that are covered and have no depth."""
     without = _without_depth(output)
     return 0.0 if without is None else float(without.mean())
+
+
+def _invented(case: SceneCase, output: MethodOutput) -> float:
+    """Share of all pixels that are covered, with a depth, where no pixel of the input lands (small cracks closed)."""
+    if output.coverage is None or output.frame_depth is None:
+        return 0.0
+    kernel = np.ones((_CRACK, _CRACK), np.uint8)
+    shares = []
+    for camera, alpha, depth in zip(case.eval_trajectory.cameras(), output.coverage, output.frame_depth, strict=True):
+        hit = forward_splat(case.image, case.depth, case.camera, camera).hit.astype(np.uint8)
+        seen = cv2.morphologyEx(hit, cv2.MORPH_CLOSE, kernel) > 0
+        there = (alpha >= COVERED) & np.isfinite(depth) & (depth > 0)
+        if there.shape != seen.shape:  # frames of another size than the cameras': other checks' affair
+            return 0.0
+        shares.append(float(np.mean(there & ~seen)))
+    return float(np.mean(shares))
 
 
 def _empty_views(output: MethodOutput) -> str | None:

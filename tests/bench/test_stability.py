@@ -73,6 +73,24 @@ def test_holes_in_silence_are_wrong_and_holes_that_are_told_degrade() -> None:
     assert (told.outcome, told.detail) == (DEGRADED, "7.8% holes, and says so")
 
 
+def test_views_of_what_the_input_never_showed_are_invented() -> None:
+    away = find_case("turns-round").scene
+    assert away is not None
+    case = away(Path())
+    views = (len(case.eval_indices), *case.image.shape[:2])
+    made_up = MethodOutput(
+        frames=np.zeros((*views, 3), np.uint8),
+        coverage=np.ones(views, np.float32),
+        input_view=case.image,
+        frame_depth=np.ones(views, np.float32),
+    )
+    verdict = judge(case, made_up)
+    assert verdict.outcome == DEGRADED
+    assert "is invented: the input never showed it" in verdict.detail
+    nothing = replace(made_up, coverage=np.zeros(views, np.float32), notes=("all holes",))
+    assert "invented" not in judge(case, nothing).detail
+
+
 def test_one_percent_of_holes_is_allowed() -> None:
     assert judge(SCENE, output(coverage=covered(1 / 128))).outcome == EXACT  # 0.8 %
     assert judge(SCENE, output(coverage=covered(2 / 128))).outcome == SILENT_WRONG  # 1.6 %
