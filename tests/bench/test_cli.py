@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
-import time
 from pathlib import Path
 from typing import Any
 
@@ -190,18 +189,16 @@ def test_weights_are_looked_for_beside_the_data(tmp_path: Path) -> None:
     assert run_verb._weights_dir(tmp_path, tmp_path) == tmp_path
 
 
-def test_help_is_quick_and_imports_nothing_heavy() -> None:
+def test_help_imports_nothing_heavy() -> None:
     code = (
         "import sys; from bench.cli import main\n"
         "try: main(['--help'])\nexcept SystemExit: pass\n"
         "heavy = {'numpy', 'torch', 'cv2', 'pandas', 'tqdm', 'skimage'} & set(sys.modules)\n"
         "sys.exit(str(heavy) if heavy else 0)"
     )
-    started = time.perf_counter()
     done = subprocess.run([sys.executable, "-c", code], cwd=REPO, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     assert "run" in done.stdout
-    assert time.perf_counter() - started < 3  # 0.1 s where the machine is idle
 
 
 @pytest.mark.parametrize("argv", [["list", "metrics"], ["list", "methods"], ["table", "--published"]])

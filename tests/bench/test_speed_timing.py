@@ -59,11 +59,17 @@ def test_a_ratio_pairs_rounds_and_a_slow_minute_cancels() -> None:
     assert paired_ratio(slow, fast) == pytest.approx((8.0, 8.0, 9.0, 6.0))
 
 
-def test_stopwatch_counts_work_and_not_sleep() -> None:
-    import time
+def test_the_stopwatch_reads_both_clocks_around_the_work(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Two clocks that only the work moves on: 3 s on the wall, 2 s of the process."""
+    wall, cpu = [10.0], [100.0]
 
-    slept = stopwatch(lambda: time.sleep(0.05))
-    assert slept.wall_s >= 0.05 > slept.cpu_s
+    def work() -> None:
+        wall[0] += 3
+        cpu[0] += 2
+
+    monkeypatch.setattr("bench.speed.timing.time.perf_counter", lambda: wall[0])
+    monkeypatch.setattr("bench.speed.timing.time.process_time", lambda: cpu[0])
+    assert stopwatch(work) == Sample(wall_s=3, cpu_s=2)
 
 
 def test_exponents_of_exact_powers() -> None:

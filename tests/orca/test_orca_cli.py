@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
-import time
 from pathlib import Path
 from typing import Any
 
@@ -85,16 +84,11 @@ def run(*arguments: object) -> int:
     return main([str(a) for a in arguments])
 
 
-def test_help_is_fast_and_imports_nothing_heavy() -> None:
+def test_help_imports_nothing_heavy() -> None:
     heavy = "[m for m in ('numpy', 'torch', 'cv2') if m in sys.modules]"
     code = f"import sys, orca.cli as c; c.build_parser(); print({heavy})"
-    fastest = 9.0
-    for _ in range(3):
-        started = time.perf_counter()
-        result = subprocess.run([sys.executable, "-m", "orca", "--help"], capture_output=True, text=True, check=True)
-        fastest = min(fastest, time.perf_counter() - started)
+    result = subprocess.run([sys.executable, "-m", "orca", "--help"], capture_output=True, text=True, check=True)
     assert "reconstruct" in result.stdout
-    assert fastest < 0.5
     loaded = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert loaded.stdout.strip() == "[]"
 
