@@ -9,6 +9,7 @@ A backend is a function that returns the gradients of one batch's loss. Another 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from copy import deepcopy
 from dataclasses import dataclass, replace
 from functools import lru_cache
 
@@ -81,19 +82,20 @@ def problem(mode: str) -> Problem:
     )
 
 
-def torch_gradients(of: Problem, dtype: torch.dtype) -> Gradients:
+def torch_gradients(of: Problem, dtype: torch.dtype, device: str = "cpu") -> Gradients:
     """The reference under eager autograd: of every parameter, the hash table and the decoders' weights included."""
-    leaves = {name: nn.Parameter(getattr(of.anchors, name).to(dtype)) for name in GEOMETRY}
-    decoders, encoding = Decoders(of.decoders.use_direction), HashEncodingCopy(of.encoding, dtype)
+    at = (device, dtype)
+    leaves = {name: nn.Parameter(getattr(of.anchors, name).to(*at)) for name in GEOMETRY}
+    decoders, encoding = Decoders(of.decoders.use_direction), HashEncodingCopy(of.encoding, dtype).to(device)
     decoders.load_state_dict(of.decoders.state_dict())
-    decoders.to(dtype)
-    features = of.anchors.features.to(dtype).requires_grad_()
-    anchors = replace(of.anchors, **leaves, features=features + encoding())
+    decoders.to(*at)
+    features = of.anchors.features.to(*at).requires_grad_()
+    anchors = replace(of.anchors.to(device), **leaves, features=features + encoding())
     pixels = np.stack([of.rays % of.camera.width + 0.5, of.rays // of.camera.width + 0.5], 1)
-    chosen = torch.from_numpy(of.hits.padded(of.rays))
-    rgb, alpha, _ = render_rays(anchors, decoders, of.camera, torch.from_numpy(pixels).to(dtype), chosen, of.config)
-    image = rgb + (1 - alpha)[:, None] * of.background.to(dtype)
-    loss = F.smooth_l1_loss(image, of.target.to(dtype), beta=1.0)
+    chosen = torch.from_numpy(of.hits.padded(of.rays)).to(device)
+    rgb, alpha, _ = render_rays(anchors, decoders, of.camera, torch.from_numpy(pixels).to(*at), chosen, of.config)
+    image = rgb + (1 - alpha)[:, None] * of.background.to(*at)
+    loss = F.smooth_l1_loss(image, of.target.to(*at), beta=1.0)
     named = {**leaves, "features": features, "hash table": encoding.table, **dict(decoders.named_parameters())}
     return dict(zip(named, torch.autograd.grad(loss, list(named.values())), strict=True))
 
@@ -103,36 +105,39 @@ class HashEncodingCopy(nn.Module):
 
     def __init__(self, of: HashEncoding, dtype: torch.dtype) -> None:
         super().__init__()
-        self.rows, self.weights = of.rows, of.weights.to(dtype)
+        self.register_buffer("rows", of.rows)
+        self.register_buffer("weights", of.weights.to(dtype))
         self.table = nn.Parameter(of.table.detach().to(dtype))
 
     def forward(self) -> Tensor:
         return (self.table[self.rows] * self.weights[..., None]).sum(2).flatten(1)
 
 
-def flat_gradients(of: Problem) -> Gradients:
+def flat_gradients(of: Problem, device: str = "cpu") -> Gradients:
     """What training runs on: flat hit tables, and only the anchors that the rays hit."""
-    leaves = {name: nn.Parameter(getattr(of.anchors, name).clone()) for name in GEOMETRY}
-    encoding = HashEncodingCopy(of.encoding, torch.float32)
-    features = of.anchors.features.clone().requires_grad_()
+    leaves = {name: nn.Parameter(getattr(of.anchors, name).to(device, copy=True)) for name in GEOMETRY}
+    encoding = HashEncodingCopy(of.encoding, torch.float32).to(device)
+    decoders = deepcopy(of.decoders).to(device)
+    features = of.anchors.features.to(device, copy=True).requires_grad_()
     ray, anchor = of.hits.flat(of.rays)
     used, anchor = np.unique(anchor, return_inverse=True)
-    whole = replace(of.anchors, **leaves, features=features + encoding())
+    whole = replace(of.anchors.to(device), **leaves, features=features + encoding())
     pixels = np.stack([of.rays % of.camera.width + 0.5, of.rays // of.camera.width + 0.5], 1)
     rgb, alpha, _ = render_flat(
-        whole.subset(torch.from_numpy(used)),
-        of.decoders,
+        whole.subset(torch.from_numpy(used).to(device)),
+        decoders,
         of.camera,
-        torch.from_numpy(pixels).float(),
-        FlatHits(torch.from_numpy(ray), torch.from_numpy(anchor), len(of.rays)),
+        torch.from_numpy(pixels).float().to(device),
+        FlatHits(torch.from_numpy(ray).to(device), torch.from_numpy(anchor).to(device), len(of.rays)),
         of.config,
     )
-    loss = F.smooth_l1_loss(rgb + (1 - alpha)[:, None] * of.background, of.target, beta=1.0)
+    image = rgb + (1 - alpha)[:, None] * of.background.to(device)
+    loss = F.smooth_l1_loss(image, of.target.to(device), beta=1.0)
     named = {
         **leaves,
         "features": features,
         "hash table": encoding.table,
-        **dict(of.decoders.named_parameters()),
+        **dict(decoders.named_parameters()),
     }
     return dict(zip(named, torch.autograd.grad(loss, list(named.values())), strict=True))
 
