@@ -60,6 +60,8 @@ class RenderConfig:
         layer_gap_sigmas: consecutive hits nearer than this many sigmas along the ray are one surface (O) ...
         layer_gap_relative: ... or nearer than this share of their depth (O).
         background: colour behind everything, 0..1 grey.
+        backdrop: what a finished picture shows where no anchor is: the colours of its "surroundings" (O), or the
+            "plain" background.
     """
 
     chi2: float = 6.25
@@ -70,6 +72,7 @@ class RenderConfig:
     layer_gap_sigmas: float = 2.0
     layer_gap_relative: float = 0.05
     background: float = 0.0
+    backdrop: Literal["surroundings", "plain"] = "surroundings"
 
 
 @dataclass(frozen=True)
@@ -297,7 +300,7 @@ _DRAFT = ReconstructConfig()
 _QUALITY = replace(_DRAFT, name="quality", planar=replace(_DRAFT.planar, anchors_per_pixel=1.0))
 _PAPER = ReconstructConfig(
     name="paper",
-    render=RenderConfig(decode="per_hit", window=2),
+    render=RenderConfig(decode="per_hit", window=2, backdrop="plain"),
     planar=PlanarConfig(
         anchors_per_pixel=1.0,
         placement=PlacementConfig(kind="grid"),

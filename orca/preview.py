@@ -40,9 +40,11 @@ def _rendered(
     scene: Scene, cameras: Sequence[Camera], device: str, progress: Progress
 ) -> Iterator[tuple[UInt8Array, float]]:
     """Frames, and the share of each that nothing of the scene covers."""
+    from orca.render.surroundings import as_shown  # loads torch
+
     renderer = scene.renderer(device)
     for index, camera in enumerate(cameras):
-        view = renderer.render(camera)
+        view = as_shown(renderer.render(camera), scene.render_config)
         yield to_uint8(view.rgb), float(np.mean(~(view.alpha >= _COVERED)))
         progress("render", index + 1, len(cameras))
 

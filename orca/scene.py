@@ -153,7 +153,7 @@ def _render_config(fields: dict[str, Any]) -> RenderConfig:
     whole = (config.max_hits, config.window)
     real = (config.chi2, config.near, config.layer_gap_sigmas, config.layer_gap_relative, config.background)
     known = all(type(value) is int for value in whole) and all(type(value) in (int, float) for value in real)
-    if not known or config.decode not in ("layered", "per_hit"):
+    if not known or config.decode not in ("layered", "per_hit") or config.backdrop not in ("surroundings", "plain"):
         raise ValueError(f"a render_config of {fields}")
     if not (1 <= config.max_hits <= 4096 and -1 <= config.window <= 4096 and 0 < config.chi2 < 1e4):
         raise ValueError(f"max_hits {config.max_hits}, window {config.window}, chi2 {config.chi2}")

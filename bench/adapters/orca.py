@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 __all__ = ["ORCA", "ORCA_NO_REPAIR", "ORCA_PAPER", "ORCA_PLAIN_FILL", "OrcaMethod"]
 
-CODE_VERSION = "3"  # raised whenever the same configuration would give other frames
+CODE_VERSION = "4"  # raised whenever the same configuration would give other frames
 
 
 @dataclass(frozen=True)
@@ -30,8 +30,8 @@ class OrcaMethod:
         name: method name.
         lifting: "metric" follows the depth it is given; "relative" is the paper's formula, placed on the trajectory
             by the median ratio of its depth to the reference depth.
-        repair: "preset" does what the preset says, "off" leaves disocclusions open, "paper" fills them by the paper's
-            plain scheme.
+        repair: "preset" does what the preset says, "off" leaves disocclusions open and black, "paper" fills them by
+            the paper's plain scheme.
         overrides: what a point of a sweep changes (`bench.adapters.points`).
     """
 
@@ -56,12 +56,19 @@ class OrcaMethod:
     def run(self, case: SceneCase, options: RunOptions) -> MethodOutput:
         """Reconstruct the scene, then render every evaluated camera."""
         from orca.compilation import told_of_compilation
+        from orca.render.surroundings import as_shown
 
         with told_of_compilation(options.progress):
             result = self._reconstruct(case, options)
-            render = result.scene.renderer(options.device).render
+            scene, renderer = result.scene, result.scene.renderer(options.device)
             model, seconds = self._model(result, options), result.record["seconds"]
-            return render_case(render, case, options, model, seconds=seconds)
+            return render_case(
+                lambda camera: as_shown(renderer.render(camera), scene.render_config),
+                case,
+                options,
+                model,
+                seconds=seconds,
+            )
 
     def _reconstruct(self, case: SceneCase, options: RunOptions) -> Reconstruction:
         from orca.pipeline import reconstruct
@@ -95,8 +102,9 @@ class OrcaMethod:
         from orca.config import get_preset
 
         config = get_preset(self._preset(options)).with_lifting(self.lifting)
-        if self.repair == "off":
-            config = replace(config, repair=replace(config.repair, enabled=False))
+        if self.repair == "off":  # what is missing stays visible
+            plain = replace(config.render, backdrop="plain")
+            config = replace(config, repair=replace(config.repair, enabled=False), render=plain)
         elif self.repair == "paper":
             config = replace(config, repair=replace(config.repair, fill="paper"))
         return config if self.overrides is None else self.overrides.applied(config, pixels)

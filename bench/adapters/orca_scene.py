@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -14,6 +15,9 @@ from bench.adapters.views import render_case
 from bench.datasets.case import SceneCase
 from orca.camera import Camera
 from orca.errors import BadInput
+
+if TYPE_CHECKING:
+    from orca.render.renderer import Rendering
 
 __all__ = ["FILE_NAMES", "OrcaScenes", "open_orca_scene"]
 
@@ -41,10 +45,11 @@ class OrcaScenes:
 
     def version(self, options: RunOptions) -> str:
         """Changes when any file of the folder does."""
-        return f"orca scenes of {self.path}, {fingerprint(self.path)}; reader 1"
+        return f"orca scenes of {self.path}, {fingerprint(self.path)}; reader 2"
 
     def run(self, case: SceneCase, options: RunOptions) -> MethodOutput:
         """Load and render. Raises `Unavailable` without the scene's file, `BadInput` for a broken one."""
+        from orca.render.surroundings import as_shown
         from orca.scene import Scene
 
         file = one_of(self.path, case.name, FILE_NAMES, "scene file")
@@ -65,9 +70,11 @@ class OrcaScenes:
             "placement_spread": high / low,
         }
         notes = ("from scene files; reconstructed elsewhere, which is not timed",)
-        return render_case(
-            lambda camera: renderer.render(_in_unit(camera, unit)), case, options, model, notes, unit=unit
-        )
+
+        def render(camera: Camera) -> Rendering:
+            return as_shown(renderer.render(_in_unit(camera, unit)), scene.render_config)
+
+        return render_case(render, case, options, model, notes, unit=unit)
 
 
 def _in_unit(camera: Camera, unit: float) -> Camera:
