@@ -56,13 +56,33 @@ class LpipsWeights:
 
 LPIPS_ALEX = LpipsWeights(
     "alex",
-    WeightsFile("lpips", "alexnet-owt-7be5be79.pth", _TORCHVISION),
-    WeightsFile("lpips", "LPIPS_v0.1_alex-df73285e.pth", _PYIQA),
+    WeightsFile(
+        "lpips",
+        "alexnet-owt-7be5be79.pth",
+        _TORCHVISION,
+        "7be5be791159472b1fbf3c69796f7cb30dca7ad8466c2df70058c37116cdee02",
+    ),
+    WeightsFile(
+        "lpips",
+        "LPIPS_v0.1_alex-df73285e.pth",
+        _PYIQA,
+        "df73285e35b22355a2df87cdb6b70b343713b667eddbda73e1977e0c860835c0",
+    ),
 )
 LPIPS_VGG = LpipsWeights(
     "vgg",
-    WeightsFile("lpips_vgg", "vgg16-397923af.pth", _TORCHVISION),
-    WeightsFile("lpips_vgg", "LPIPS_v0.1_vgg-a78928a0.pth", _PYIQA),
+    WeightsFile(
+        "lpips_vgg",
+        "vgg16-397923af.pth",
+        _TORCHVISION,
+        "397923af8e79cdbb6a7127f12361acd7a2f83e06b05044ddf496e83de57a5bf0",
+    ),
+    WeightsFile(
+        "lpips_vgg",
+        "LPIPS_v0.1_vgg-a78928a0.pth",
+        _PYIQA,
+        "a78928a0af1e5f0fcb1f3b9e8f8c3a2a5a3de244d830ad5c1feddc79b8432868",
+    ),
 )
 
 

@@ -21,6 +21,7 @@ MUSIQ_KONIQ = WeightsFile(
     "musiq",
     "musiq_koniq_ckpt-e95806b9.pth",
     "https://huggingface.co/chaofengc/IQA-PyTorch-Weights/resolve/main/musiq_koniq_ckpt-e95806b9.pth",
+    "e95806b9eae5f3814c410f574ba8e552362bd5bc63d758ed5b97860f5d6185aa",
 )
 SHORT_SCALE = 224  # the smaller of the two sizes to which MUSIQ brings the longer side
 NO_VALUE = f"a frame at least {2 * SHORT_SCALE} times as long as it is wide, or the model gave no finite score"

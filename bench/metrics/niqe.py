@@ -11,7 +11,13 @@ from bench.metrics.weights import WeightsFile
 
 __all__ = ["NIQE_PRIOR", "Niqe"]
 
-NIQE_PRIOR = WeightsFile("niqe", "niqe_modelparameters.mat", "https://huggingface.co/chaofengc/IQA-PyTorch-Weights")
+# Of the hash only these digits are on record: the publisher states none.
+NIQE_PRIOR = WeightsFile(
+    "niqe",
+    "niqe_modelparameters.mat",
+    "https://huggingface.co/chaofengc/IQA-PyTorch-Weights",
+    "fa2aa4d12dd9595c",
+)
 NO_VALUE = f"flat, or fewer than two whole blocks of {BLOCK}x{BLOCK} pixels"
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import re
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -11,6 +10,8 @@ from pathlib import Path
 from orca.errors import BadInput, Unavailable
 
 __all__ = ["WeightsFile"]
+
+_DIGITS = 64  # of a whole SHA-256
 
 
 @dataclass(frozen=True)
@@ -21,19 +22,13 @@ class WeightsFile:
         metric: id of the metric that needs it.
         name: its name inside the weights folder.
         source: where a user gets it: the address of the file itself, or of a page of which it is part.
-        expected_sha256: its hash, where one is published; else empty.
+        expected_sha256: its hash, or what that begins with; without one it is never fetched, only named.
     """
 
     metric: str
     name: str
     source: str
     expected_sha256: str = ""
-
-    @property
-    def pin(self) -> str:
-        """What its hash begins with: all of it where it is published, else the eight digits in names like torch's."""
-        named = re.search(r"-([0-9a-f]{8})\.pth$", self.name)
-        return self.expected_sha256 or (named[1] if named else "")
 
     @property
     def url(self) -> str:
@@ -64,10 +59,13 @@ class WeightsFile:
 
     def check(self, weights_dir: Path | None) -> None:
         """Raise `BadInput` if the file is there and is not the published one."""
-        if not self.pin or (found := self.sha256(weights_dir)) is None or found.startswith(self.pin):
+        wanted = self.expected_sha256
+        if not wanted or (found := self.sha256(weights_dir)) is None or found.startswith(wanted):
             return
-        path, wanted = self._path(weights_dir), self.expected_sha256 or f"one that begins with {self.pin}"
-        raise BadInput(f"{path} has SHA-256 {found}", wanted, f"get the published file: {self.source}")
+        allowed = wanted if len(wanted) == _DIGITS else f"one that begins with {wanted}"
+        raise BadInput(
+            f"{self._path(weights_dir)} has SHA-256 {found}", allowed, f"get the published file: {self.source}"
+        )
 
     def _path(self, weights_dir: Path | None) -> Path | None:
         return None if weights_dir is None else weights_dir / self.name

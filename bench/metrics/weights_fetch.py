@@ -1,4 +1,4 @@
-"""Fetches the weights of the learned metrics: each file from its publisher, whole, its hash said or checked."""
+"""Fetches the weights of the learned metrics: each file from its publisher, over https, whole, its hash checked."""
 
 from __future__ import annotations
 
@@ -42,17 +42,11 @@ def fetch_weights(
     """
     found = [(folder / file.name, *_fetch(file, folder, fetcher, report)) for file in SINGLE_FILES]
     path = folder / BAKLLAVA.name
-    how = f"15 GB: hf download {BAKLLAVA.name} --local-dir {path}; or use a server (bench run --llava-url)"
+    how = (
+        f"15 GB, no hash of it is known, so it is not fetched: hf download {BAKLLAVA.name} --local-dir {path}; "
+        "or use a server (bench run --llava-url)"
+    )
     return [*found, (path, "here" if path.is_dir() else "by hand", BAKLLAVA.source, how)]
-
-
-def _keep_if_right(file: WeightsFile, folder: Path) -> None:
-    """Names like torch's carry the beginning of the hash; a file with another is removed."""
-    try:
-        file.check(folder)
-    except BadInput:
-        (folder / file.name).unlink()
-        raise
 
 
 def _fetch(file: WeightsFile, folder: Path, fetcher: Fetcher | None, report: Report) -> tuple[str, str, str]:
@@ -61,11 +55,12 @@ def _fetch(file: WeightsFile, folder: Path, fetcher: Fetcher | None, report: Rep
         if path.is_file():
             file.check(folder)
             return "here", file.url, sha256_of(path)
+        pinned = file.expected_sha256
+        if not pinned:
+            return "by hand", file.url, "no hash of it is known, so it is not fetched: look at it, and put it there"
         if fetcher is None:
-            return "missing", file.url, file.pin or "no hash is pinned"
-        pinned = file.expected_sha256 or None
+            return "missing", file.url, pinned
         fetcher.fetch(file.url, path, pinned, MAX_BYTES, lambda done, total: report(file.name, done, total))
-        _keep_if_right(file, folder)
         return "fetched", file.url, sha256_of(path)
     except Unavailable as error:
         if not isinstance(error.__cause__, urllib.error.HTTPError):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import re
 import threading
 from collections.abc import Iterator
 from functools import partial
@@ -71,8 +72,27 @@ def test_what_is_not_the_published_file_is_not_kept(site: str, tmp_path: Path) -
     assert not (tmp_path / "weights" / "a.pth").exists()
 
 
+def test_what_has_no_hash_is_named_and_not_fetched(site: str, tmp_path: Path) -> None:
+    state, why = fetched((WeightsFile("m", "a.pth", site),), tmp_path)[0]
+    assert (state, "no hash" in why) == ("by hand", True)
+    assert not (tmp_path / "weights").exists()
+
+
+def test_the_beginning_of_a_hash_is_checked_as_well(site: str, tmp_path: Path) -> None:
+    assert fetched((WeightsFile("m", "a.pth", site, "0" + SHA256[1:16]),), tmp_path)[0][0] == "failed"
+    assert not (tmp_path / "weights" / "a.pth").exists()
+    assert fetched((WeightsFile("m", "a.pth", site, SHA256[:16]),), tmp_path)[0] == ("fetched", SHA256)
+
+
+def test_every_file_that_is_fetched_has_a_hash() -> None:
+    for file in SINGLE_FILES:
+        assert re.fullmatch("[0-9a-f]{16}|[0-9a-f]{64}", file.expected_sha256), file.name
+        named = re.search(r"-([0-9a-f]{8})\.pth$", file.name)  # torch's names begin the hash
+        assert named is None or file.expected_sha256.startswith(named[1])
+
+
 def test_one_file_that_is_gone_does_not_stop_the_others(site: str, tmp_path: Path) -> None:
-    files = (WeightsFile("m", "gone.pth", site), WeightsFile("m", "a.pth", site))
+    files = (WeightsFile("m", "gone.pth", site, SHA256), WeightsFile("m", "a.pth", site, SHA256))
     (failed, why), (state, _), _ = fetched(files, tmp_path)
     assert (failed, state) == ("failed", "fetched")
     assert "404" in why
@@ -81,7 +101,7 @@ def test_one_file_that_is_gone_does_not_stop_the_others(site: str, tmp_path: Pat
 
 def test_without_a_network_the_file_and_its_place_are_named(tmp_path: Path) -> None:
     with pytest.raises(Unavailable, match="cannot fetch") as caught:
-        fetched((WeightsFile("m", "a.pth", "http://127.0.0.1:1"),), tmp_path)
+        fetched((WeightsFile("m", "a.pth", "http://127.0.0.1:1", SHA256),), tmp_path)
     assert str(tmp_path / "weights" / "a.pth") in caught.value.allowed
 
 
