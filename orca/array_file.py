@@ -42,6 +42,8 @@ def decode_png(content: bytes, what: str) -> NDArray[np.generic]:
     width, height = struct.unpack(">II", content[16:24])
     if not 0 < width * height <= MAX_VALUES // 4:
         raise BadInput(f"{what} of {width}x{height} pixels", f"at most {MAX_VALUES // 4} pixels", "scale it down")
+    if (problem := _broken_chunks(content)) is not None:
+        raise BadInput(f"{what} {problem}", "a whole PNG, 8 or 16 bits, no animation", "get the file again")
     try:
         values = cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_UNCHANGED)
     except cv2.error as error:
@@ -49,6 +51,22 @@ def decode_png(content: bytes, what: str) -> NDArray[np.generic]:
     if values is None:
         raise BadInput(f"{what} is not a readable PNG", "a whole PNG, 8 or 16 bits", "get the file again")
     return np.asarray(values)
+
+
+def _broken_chunks(content: bytes) -> str | None:
+    """What is wrong with how a PNG is divided, if anything is. OpenCV 5 allocates what a chunk claims, up to 4 GB."""
+    at, kinds = len(_SIGNATURE), list[bytes]()
+    while kinds[-1:] != [b"IEND"]:
+        if at + 12 > len(content):
+            return "ends before it is whole"
+        (size,), kind = struct.unpack(">I", content[at : at + 4]), content[at + 4 : at + 8]
+        at += 12 + size  # length, kind, content, checksum
+        if at > len(content):
+            return f"has a part that claims {size} bytes"
+        kinds.append(kind)
+    if kinds[0] != b"IHDR" or kinds.count(b"IHDR") > 1:
+        return "has no single header"
+    return "is an animation" if b"acTL" in kinds else None
 
 
 def read_npy(path: Path) -> NDArray[np.generic]:

@@ -18,7 +18,7 @@ from PIL import Image
 from safetensors.torch import save_file
 
 from bench.adapters.video_facts import video_facts
-from orca.array_file import read_npy, read_png
+from orca.array_file import decode_png, read_npy, read_png
 from orca.camera_file import read_camera_document
 from orca.errors import BadInput
 from orca.export import read_ply
@@ -107,6 +107,35 @@ def _npy_header(shape: tuple[int, ...]) -> bytes:
     head = io.BytesIO()
     np.lib.format.write_array_header_1_0(head, {"descr": "<f8", "fortran_order": False, "shape": shape})
     return head.getvalue()
+
+
+def _png_with(kind: bytes, body: bytes = b"", claimed: int | None = None) -> bytes:
+    """A sound PNG of 16x16 with one more part after its header."""
+    buffer = io.BytesIO()
+    Image.new("L", (16, 16)).save(buffer, "PNG")
+    sound = buffer.getvalue()
+    size = len(body) if claimed is None else claimed
+    part = struct.pack(">I", size) + kind + body + struct.pack(">I", zlib.crc32(kind + body))
+    return sound[:33] + part + sound[33:]
+
+
+@pytest.mark.parametrize(
+    ("content", "why"),
+    [
+        (_png_with(b"IDAT", claimed=2**32 - 1), "claims 4294967295 bytes"),
+        (_png_with(b"tEXt", b"a", claimed=2**20), "claims 1048576 bytes"),
+        (_png_with(b"IHDR", bytes(13)), "no single header"),
+        (_png_with(b"acTL", bytes(8)), "an animation"),
+        (_png_with(b"tEXt", b"a\0b")[:-12], "ends before it is whole"),
+        (_png_with(b"tEXt", b"a\0b")[:-1], "ends before it is whole"),
+    ],
+)
+def test_a_png_is_whole_before_it_is_decoded(content: bytes, why: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """OpenCV 5 takes the memory that a part claims before it looks for the part."""
+    assert decode_png(_png_with(b"tEXt", b"a\0b"), "it").shape == (16, 16)
+    monkeypatch.setattr("cv2.imdecode", None)
+    with pytest.raises(BadInput, match=why):
+        decode_png(content, "it")
 
 
 class _Touches:
