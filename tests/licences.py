@@ -7,7 +7,9 @@ import tomllib
 from importlib import metadata
 from pathlib import Path
 
-__all__ = ["DOCS", "NOTES", "direct_dependencies", "licence_of", "rows"]
+from bench.metrics.weights_fetch import SINGLE_FILES
+
+__all__ = ["DOCS", "NOTES", "direct_dependencies", "licence_of", "rows", "weights"]
 
 ROOT = Path(__file__).resolve().parents[1]
 DOCS = ROOT / "docs" / "licences.md"
@@ -34,12 +36,37 @@ commercial use; NIQE is computed by code of this project.
 |---|---|---|---|
 """
 _TAIL = """
+## Downloads
+
+`bench download` fetches over https only, redirects included, with a bound on the size. Nothing that has no pinned hash
+is fetched; it is named, with its address and the place where it belongs. A file that comes with another hash is not
+kept. The hash of every weights file that a score was made with is part of that score, wherever the file came from.
+
+| weights | from | SHA-256 |
+|---|---|---|
+{weights}
+
+The publisher of the NIQE prior states no hash; the 16 digits that are checked come from one public record by a user of
+it. The model of `llava` (15 GB) has no hash on record: it is put in place by hand. Images, videos and archives of data
+sets are pinned in `bench/datasets/manifest.py`. The priors of `orca` (`orca/priors/hub.py`) come from the hub over
+https, by its own client, at a pinned commit, as safetensors without code: what the hub serves under that commit is
+taken on trust. **Depth Pro alone follows a branch** (`main`): no commit of it could be verified.
+
 ## Known vulnerabilities
 
 `pip freeze --exclude-editable > installed.txt && pip-audit --no-deps --disable-pip -r installed.txt` compares what is
 installed with the advisories of PyPI. **It has not been done**: where this was written the reachable index has no
 advisories, and pip-audit 2.10.1 skipped all 160 packages (it then prints "No known vulnerabilities found", which is no
 result). Run it where pypi.org can be reached, before a release.
+
+What could be done there, in an environment of its own, is the same against an **old** list (22 November 2026):
+
+    pip install "safety==1.10.3" safety-db "setuptools<80"
+    safety check --db <site-packages>/safety_db -r installed.txt --full-report
+
+safety-db 2021.7.17, data of 1 July 2021: 160 packages checked, none of them listed in the version that is installed
+(17 of the 160 are in the list at all; the same command finds pillow 8.0.0 and urllib3 1.24). It says nothing about what
+became known in the five years since, which is most of what there is to know.
 """
 
 
@@ -81,10 +108,16 @@ def rows() -> list[str]:
     ]
 
 
+def weights() -> list[str]:
+    """The rows of what `bench download weights` fetches."""
+    return [f"| `{file.name}` | {file.source} | `{file.expected_sha256}` |" for file in SINGLE_FILES]
+
+
 def main() -> None:
     """Write the file."""
     DOCS.parent.mkdir(exist_ok=True)
-    DOCS.write_text(_HEAD + "\n".join(rows()) + "\n" + _TAIL, encoding="utf-8")
+    tail = _TAIL.format(weights="\n".join(weights()))
+    DOCS.write_text(_HEAD + "\n".join(rows()) + "\n" + tail, encoding="utf-8")
 
 
 if __name__ == "__main__":

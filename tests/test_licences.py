@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import pytest
 
-from tests.licences import DOCS, direct_dependencies, licence_of
+from tests.licences import DOCS, direct_dependencies, licence_of, weights
 
 
 def written() -> dict[str, list[str]]:
-    lines = [line for line in DOCS.read_text(encoding="utf-8").splitlines() if line.startswith("| ")][1:]
+    table = DOCS.read_text(encoding="utf-8").split("## Downloads", maxsplit=1)[0]
+    lines = [line for line in table.splitlines() if line.startswith("| ")][1:]
     return {cells[0]: cells[1:] for cells in ([cell.strip() for cell in line.strip("|").split("|")] for line in lines)}
 
 
@@ -29,3 +30,10 @@ def test_what_is_not_free_for_every_use_is_said() -> None:
     assert "non-commercial" in written()["pyiqa"][2]
     for package, (_, licence, note) in written().items():
         assert note or not any(word in licence for word in ("GPL", "General Public", "Noncommercial")), package
+
+
+def test_what_is_downloaded_is_written_down_with_its_hash() -> None:
+    table = DOCS.read_text(encoding="utf-8").split("## Downloads", maxsplit=1)[1]
+    assert [line for line in table.splitlines() if line.startswith("| `")] == weights(), (
+        "run `python -m tests.licences`"
+    )

@@ -164,7 +164,9 @@ def _in_cache(model: HubModel, cache: Path) -> Path | None:
 
 @lru_cache(maxsize=4)
 def _hub_problem(endpoint: str) -> str | None:
-    """Why the hub cannot be reached, or None. Asked once per process; through a proxy, whether that answers."""
+    """Why the hub is not asked, or None. Tried once per process; through a proxy, whether that answers."""
+    if urlsplit(endpoint).scheme != "https":
+        return f"{endpoint} is not https"
     proxy = next((os.environ[k] for k in ("HTTPS_PROXY", "https_proxy", "ALL_PROXY") if os.environ.get(k)), None)
     address = urlsplit(proxy or endpoint)
     port = address.port or (443 if address.scheme == "https" else 80)

@@ -108,6 +108,14 @@ def test_an_unreachable_hub_is_tried_once_and_shortly(cache: Path, monkeypatch: 
     assert tried == [(("huggingface.co", 443), 2.0)]
 
 
+def test_a_hub_without_https_is_not_asked(cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(constants, "ENDPOINT", "http://mirror.local")
+    tried = no_network(monkeypatch)
+    with pytest.raises(Unavailable, match="is not https"):
+        locate(DEPTH_PRO, ModelAccess())
+    assert tried == []
+
+
 def test_behind_a_proxy_the_proxy_is_tried(cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("HTTPS_PROXY", "http://proxy.local:3128")
     tried = no_network(monkeypatch)
