@@ -1,11 +1,13 @@
 """Quality against anchors: regular grids, and anchors grown by residual, on one picture (METHOD.md 1.2).
 
-Both are fitted to the input image alone, on the plane and without a margin, so that they are counted alike.
+Both are fitted to the input image alone, on the plane and without a margin, so that they are counted alike: grown to
+some counts, and to a quality, which is timed in turns with the finest grid.
 """
 
 from __future__ import annotations
 
 import math
+import statistics
 import time
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
@@ -16,9 +18,9 @@ import torch
 
 from bench.datasets.case import SceneCase
 from orca.anchors import GaussianAnchors
-from orca.config import GrowthConfig, PlacementConfig, PlanarConfig, ReconstructConfig
+from orca.config import GrowthConfig, PlacementConfig, ReconstructConfig
 from orca.conventions import to_float
-from orca.field.decoders import analytic_decoders
+from orca.field.decoders import Decoders, analytic_decoders
 from orca.render.renderer import Renderer
 from orca.stages.canvas import Canvas
 from orca.stages.growth import grow
@@ -26,35 +28,37 @@ from orca.stages.observations import observations
 from orca.stages.planar import place, planar_anchors
 from orca.stages.solve import solve_colours, with_colours
 
-__all__ = ["GRIDS", "CurvePoint", "Goal", "SceneCurve", "measure_curve", "needed"]
+__all__ = ["COUNTS", "GRIDS", "CurvePoint", "Goal", "SceneCurve", "measure_curve", "needed"]
 
 GRIDS = (0.25, 0.5, 1.0)
 """Anchors per pixel of the regular grids."""
 
-_OCTAVE = 3  # rounds from a count to twice as many
+COUNTS = (1 / 16, 1 / 8, 1 / 4, 1 / 2)
+"""Anchors per pixel that are grown to; those beyond `Goal.at_least` only where the goal takes more."""
+
+_TURNS = 3  # of the finest grid and of growing to the goal; medians count
 
 
 @dataclass(frozen=True)
 class Goal:
-    """When the curve may end: at this PSNR in dB, with at most so many anchors per pixel, but not before
-    ``at_least`` anchors per pixel; and the price in dB per 1,000 anchors that marks the knee."""
+    """What to reach, in dB; how many anchors per pixel to grow to in any case; and the price in dB per 1,000 anchors
+    that marks the knee."""
 
     psnr_db: float = 40.0
-    most: float = 0.75
     at_least: float = 0.25
     price: float = 0.05
 
 
 @dataclass(frozen=True)
 class CurvePoint:
-    """One fit: which ``placement`` ("grid" or "grown"), how many anchors, PSNR, CPU seconds of all that led to it,
-    and CPU milliseconds of a frame where one was rendered."""
+    """One fit: which ``placement`` ("grid", "grown" to a count, or grown to the "target"), how many anchors, PSNR, CPU
+    seconds of all that led to it, and CPU milliseconds of a frame."""
 
     placement: str
     anchors: int
     psnr_db: float
     fit_cpu_s: float
-    frame_cpu_ms: float | None = None
+    frame_cpu_ms: float
 
 
 @dataclass(frozen=True)
@@ -77,16 +81,16 @@ class SceneCurve:
 
     @property
     def reached(self) -> CurvePoint:
-        """Where growing met the goal, or ended: the first point of it that was rendered."""
-        return next(p for p in self.grown if p.frame_cpu_ms is not None)
+        """Where growing to the goal ended."""
+        return next(p for p in self.points if p.placement == "target")
 
     @property
     def grown(self) -> list[CurvePoint]:
-        """The curve, fewest anchors first."""
-        return [p for p in self.points if p.placement == "grown"]
+        """The curve, grown to counts and to the goal, fewest anchors first."""
+        return sorted((p for p in self.points if p.placement != "grid"), key=lambda p: p.anchors)
 
     def grown_at(self, per_pixel: float) -> CurvePoint:
-        """The round of growing with about so many anchors per pixel."""
+        """The point of the curve with about so many anchors per pixel."""
         return min(self.grown, key=lambda p: abs(p.anchors - per_pixel * self.pixels))
 
     def knee(self, goal: Goal) -> tuple[CurvePoint, str]:
@@ -119,7 +123,7 @@ class SceneCurve:
                 int(row["anchors"]),
                 float(row["psnr_db"]),
                 float(row["fit_cpu_s"]),
-                float(row["frame_cpu_ms"]) if row["frame_cpu_ms"] else None,
+                float(row["frame_cpu_ms"]),
             )
             for row in rows
         )
@@ -127,7 +131,7 @@ class SceneCurve:
 
 
 def needed(curve: SceneCurve, psnr_db: float) -> float | None:
-    """Anchors that growing needs for a PSNR, between rounds by a straight line; None where it was not reached."""
+    """Anchors that growing needs for a PSNR, between points by a straight line; None where it was not reached."""
     points: Sequence[CurvePoint] = curve.grown
     for i, point in enumerate(points):
         if point.psnr_db >= psnr_db:
@@ -140,69 +144,74 @@ def needed(curve: SceneCurve, psnr_db: float) -> float | None:
 
 
 def measure_curve(case: SceneCase, config: ReconstructConfig, goal: Goal) -> SceneCurve:
-    """Fit one scene's image with every grid, then grow."""
+    """Fit one scene's image with every grid, and grow to the goal and to some counts."""
     canvas = Canvas(to_float(case.image), case.depth, case.camera, (0, 0, 0, 0))
-    points = [_grid(canvas, per_pixel, config) for per_pixel in GRIDS]
-    return SceneCurve(case.name, goal.psnr_db, (*points, *_grown(canvas, config, goal)))
+    points = [_grid(canvas, per_pixel, config) for per_pixel in GRIDS[:-1]]
+    turns = [(_grid(canvas, GRIDS[-1], config), _to_target(canvas, config, goal)) for _ in range(_TURNS)]
+    finest, reached = (_median([turn[i] for turn in turns]) for i in range(2))
+    counts = [round(share * canvas.depth.size) for share in COUNTS if share <= goal.at_least]
+    counts += [n for n in (round(s * canvas.depth.size) for s in COUNTS) if counts[-1] < n < reached.anchors]
+    grown = [_to_count(canvas, config, count) for count in counts]
+    return SceneCurve(case.name, goal.psnr_db, (*points, finest, *grown, reached))
+
+
+def _median(turns: Sequence[CurvePoint]) -> CurvePoint:
+    """One fit measured several times."""
+    seconds, frame = (statistics.median(getattr(t, key) for t in turns) for key in ("fit_cpu_s", "frame_cpu_ms"))
+    return replace(turns[0], fit_cpu_s=seconds, frame_cpu_ms=frame)
 
 
 def _grid(canvas: Canvas, per_pixel: float, config: ReconstructConfig) -> CurvePoint:
     """The optimum of a regular grid."""
-    placement = PlacementConfig(kind="grid")
-    planar = replace(config.planar, placement=placement, anchors_per_pixel=per_pixel)
     started = time.process_time()
+    planar = replace(config.planar, placement=PlacementConfig(kind="grid"), anchors_per_pixel=per_pixel)
     anchors = planar_anchors(canvas, place(canvas, planar), planar)
-    return _finished("grid", canvas, anchors, planar, config, started)
+    return _seen("grid", canvas, _solved(canvas, anchors, config), config, started)
 
 
-def _grown(canvas: Canvas, config: ReconstructConfig, goal: Goal) -> list[CurvePoint]:
-    """Grown to the goal; where that takes fewer than ``goal.at_least`` anchors, on to as many as that too."""
-    pixels, growth = canvas.depth.size, 2 ** (1 / _OCTAVE)
-    least = round(goal.at_least * pixels)
-    limits = GrowthConfig(
-        max_anchors=round(goal.most * pixels), target_psnr=goal.psnr_db, growth=growth, start_per_pixel=1 / 16
-    )
-    points = _growing(canvas, config, limits)
-    if points[-1].anchors < least - 2:
-        more = _growing(canvas, config, replace(limits, max_anchors=least, target_psnr=None))
-        points += [p for p in more if p.anchors > points[-1].anchors]
-    return points
+def _to_count(canvas: Canvas, config: ReconstructConfig, count: int) -> CurvePoint:
+    """Grown to a count, then solved as often as a grid is."""
+    started = time.process_time()
+    anchors = _solved(canvas, _grown(canvas, config, GrowthConfig(max_anchors=count)), config)
+    return _seen("grown", canvas, anchors, config, started)
 
 
-def _growing(canvas: Canvas, config: ReconstructConfig, limits: GrowthConfig) -> list[CurvePoint]:
-    planar, started, at = config.planar, time.process_time(), list[float]()
+def _to_target(canvas: Canvas, config: ReconstructConfig, goal: Goal) -> CurvePoint:
+    """Grown to the goal and no further."""
+    started = time.process_time()
+    anchors = _grown(canvas, config, GrowthConfig(target_psnr=goal.psnr_db))
+    return _seen("target", canvas, anchors, config, started)
+
+
+def _grown(canvas: Canvas, config: ReconstructConfig, limits: GrowthConfig) -> GaussianAnchors:
     growth = grow(
         canvas,
         observations(canvas, 1.0),
-        lambda grid: planar_anchors(canvas, grid, planar),
-        planar,
+        lambda grid: planar_anchors(canvas, grid, config.planar),
+        config.planar,
         config.render,
         limits,
-        lambda done, total: at.append(time.process_time() - started),
     )
-    points = [CurvePoint("grown", s.anchors, s.psnr_db, t) for s, t in zip(growth.steps, at, strict=True)]
-    anchors = with_colours(planar_anchors(canvas, growth.grid, planar), growth.colours)
-    last = replace(planar, gauss_newton_steps=1)
-    points[-1] = _finished("grown", canvas, anchors, last, config, started)
-    return points
+    return with_colours(planar_anchors(canvas, growth.grid, config.planar), growth.colours)
 
 
-def _finished(
-    placement: str,
-    canvas: Canvas,
-    anchors: GaussianAnchors,
-    planar: PlanarConfig,
-    config: ReconstructConfig,
-    started: float,
-) -> CurvePoint:
-    """Solve once more and look at the picture."""
+def _solved(canvas: Canvas, anchors: GaussianAnchors, config: ReconstructConfig) -> GaussianAnchors:
     observed = observations(canvas, 1.0)
-    decoders = analytic_decoders(planar.density, torch.Generator().manual_seed(0))
-    solved = solve_colours(anchors, decoders, observed, planar, config.render)
+    return solve_colours(anchors, _decoders(config), observed, config.planar, config.render)
+
+
+def _decoders(config: ReconstructConfig) -> Decoders:
+    return analytic_decoders(config.planar.density, torch.Generator().manual_seed(0))
+
+
+def _seen(
+    placement: str, canvas: Canvas, anchors: GaussianAnchors, config: ReconstructConfig, started: float
+) -> CurvePoint:
+    """Stop the clock of the fit and look at the picture."""
     seconds = time.process_time() - started
-    renderer = Renderer(solved, decoders, config.render)
+    renderer, camera = Renderer(anchors, _decoders(config), config.render), observations(canvas, 1.0)[0].camera
     started = time.process_time()
-    seen = renderer.render(observed[0].camera).rgb
+    seen = renderer.render(camera).rgb
     frame = 1000 * (time.process_time() - started)
     error = float(np.square(np.clip(seen, 0, 1) - canvas.image).mean())
-    return CurvePoint(placement, len(solved), -10 * math.log10(max(error, 1e-12)), seconds, frame)
+    return CurvePoint(placement, len(anchors), -10 * math.log10(max(error, 1e-12)), seconds, frame)

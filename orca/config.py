@@ -175,18 +175,21 @@ class GrowthConfig:
         max_anchors: grow to at most so many anchors, margin included; what repair inserts comes on top.
         price: grow until a thousand more anchors gain less than this, in dB: what anchors cost, in bytes as in
             seconds, grows with their number, so a gain per anchor is what can be weighed against it.
-        start_per_pixel: anchors at the start per pixel of the original.
-        growth: how many times more anchors a round ends with, at most.
-        solver_steps: Gauss-Newton steps of a round, warm started; the first takes twice as many.
+        start: anchors at the start, as a share of the count allowed.
+        start_target: the same, as a share of what target or price seem to need.
+        growth: how many times more anchors a round ends with, at most (its square towards a target).
+        solver_steps, cg_steps: outer and inner steps of a round, warm started; the first takes twice as many outer.
         min_gain_db, patience: stop after so many rounds that gain less (P: 0.03 dB, 4 evaluations).
     """
 
     target_psnr: float | None = None
     max_anchors: int | None = None
     price: float | None = None
-    start_per_pixel: float = 0.0625
-    growth: float = 1.6
+    start: float = 0.6
+    start_target: float = 0.8
+    growth: float = 1.25
     solver_steps: int = 1
+    cg_steps: int = 4
     min_gain_db: float = 0.03
     patience: int = 4
 

@@ -55,7 +55,7 @@ def _read(path: Path, goal: Goal) -> dict[str, SceneCurve]:
         return {}
     with path.open(newline="", encoding="utf-8") as file:
         rows = list(csv.DictReader(file))
-    if rows and set(rows[0]) != set(_COLUMNS):
+    if rows and (set(rows[0]) != set(_COLUMNS) or not all(row["frame_cpu_ms"] for row in rows)):
         raise BadInput(f"{path} with columns {', '.join(rows[0])}", ", ".join(_COLUMNS), "choose another folder")
     by_scene: dict[str, list[dict[str, str]]] = {}
     for row in rows:
@@ -70,7 +70,7 @@ def _write_rows(path: Path, curves: Sequence[SceneCurve]) -> None:
         writer = csv.DictWriter(file, _COLUMNS, lineterminator="\n")
         writer.writeheader()
         for row in (row for curve in curves for row in curve.rows()):
-            rounded = {k: format(row[k], digits) for k, digits in _DIGITS.items() if row[k] is not None}
+            rounded = {k: format(row[k], digits) for k, digits in _DIGITS.items()}
             writer.writerow({**row, **rounded})
 
 
@@ -81,8 +81,9 @@ def _page(curves: Sequence[SceneCurve], goal: Goal) -> list[str]:
         "",
         "The input image alone, on the plane. 65k grown: content-driven start, grown by residual to 65,536.",
         f"Share: anchors that growing needs for {goal.psnr_db:g} dB, over those of the grid with one per pixel.",
-        f"Knee: where {goal.psnr_db:g} dB or a price of {goal.price:g} dB per 1,000 anchors stops. Seconds and",
-        "milliseconds are CPU time, fit and frame, at the end of growing against the grid with one per pixel.",
+        f"Knee: where {goal.psnr_db:g} dB or a price of {goal.price:g} dB per 1,000 anchors stops. Fit and frame: CPU",
+        f"time of growing to {goal.psnr_db:g} dB and of a frame then, against the grid with one anchor per pixel;",
+        "medians of 3, taken in turns in one process.",
         "",
         "| scene | 65k grid [dB] | 65k grown [dB] | 131k grid [dB] | gain [dB] | share | knee | fit [s] | frame [ms] |",
         "|---|---:|---:|---:|---:|---:|---|---:|---:|",
@@ -93,12 +94,12 @@ def _page(curves: Sequence[SceneCurve], goal: Goal) -> list[str]:
         grown, last, (knee, why) = curve.grown_at(0.25), curve.reached, curve.knee(goal)
         gains.append(grown.psnr_db - quarter.psnr_db)
         need = needed(curve, goal.psnr_db)
-        seconds, frame = f"{last.fit_cpu_s:.1f} of {full.fit_cpu_s:.1f}", f"{last.frame_cpu_ms or 0:.0f}"
+        seconds, frame = f"{last.fit_cpu_s:.2f} of {full.fit_cpu_s:.2f}", f"{last.frame_cpu_ms:.0f}"
         share = f"> {last.anchors / full.anchors:.0%}" if need is None else f"{need / full.anchors:.0%}"
         lines.append(
             f"| {curve.scene} | {quarter.psnr_db:.2f} | {grown.psnr_db:.2f} | {half.psnr_db:.2f} | {gains[-1]:+.2f} "
             f"| {share} | {knee.anchors:,} at {knee.psnr_db:.1f} dB ({why}) "
-            f"| {seconds} | {frame} of {full.frame_cpu_ms or 0:.0f} |"
+            f"| {seconds} | {frame} of {full.frame_cpu_ms:.0f} |"
         )
     above = sum(c.grown_at(0.25).psnr_db > c.grid(0.5).psnr_db for c in curves)
     lines += [

@@ -1,38 +1,40 @@
 """Growth by residual: cells of the quadtree are split where the fit still errs, until something says stop.
 
-Each round splits the cells with the largest squared error in the input view and the margin, and solves again from
-the colours of the cells that they came from. It stops at the quality asked for, at the count allowed, when a thousand
-more anchors gain less than their price, when there is nothing left to split, or by the paper's rule for iterations.
+It starts from the quadtree that should come near the end: its own error, known before any fit, predicts that of a fit.
+Each round splits the cells whose errors in the input view and the margin promise most for an anchor, and solves again
+from the colours of the cells that they came from. It stops at the quality asked for, at the count allowed, when a
+thousand more anchors gain less than their price, when there is nothing left to split, or by the paper's rule for
+iterations.
 """
 
 from __future__ import annotations
 
 import math
 import time
+from bisect import bisect_left
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import torch
 
 from orca.anchors import GaussianAnchors
 from orca.config import GrowthConfig, PlanarConfig, RenderConfig
 from orca.conventions import Float32Array, Float64Array
 from orca.errors import BadInput
-from orca.field.decoders import analytic_decoders
-from orca.render.renderer import Renderer
 from orca.stages.canvas import Canvas
 from orca.stages.early_stopping import EarlyStopping
-from orca.stages.linear import linear_view
 from orca.stages.observations import Observation
-from orca.stages.placement import Cells, cell_of_pixel, edge_error, split_cells
-from orca.stages.planar import PlanarGrid, cells_by_need, grid_of
-from orca.stages.solve import predicted, refine
+from orca.stages.placement import split_cells
+from orca.stages.planar import PlanarGrid, grid_of
+from orca.stages.residual import Fitter, Residual, psnr_of, squared_of
 
 __all__ = ["Growth", "GrowthStep", "grow"]
 
 _SMALLEST_ROUND = 1.02  # a round that adds less than this share costs more than it gains
+_STEP = 1.1  # between counts that the start is chosen from
+_FIT_GAIN = 1.0  # dB that a fit is better than interpolation between the quadtree's cells, at least
+_BEYOND = 0.45  # dB beyond the target that a round aims at: to fall short costs another round
 
 
 @dataclass(frozen=True)
@@ -91,33 +93,61 @@ def grow(
     """
     if planar.initialisation != "closed_form":
         raise BadInput("growth with a fit by gradient descent", "presets draft and quality", "choose another preset")
-    rows, columns = canvas.original
-    pixels = canvas.depth[rows, columns].size
     most = config.max_anchors or canvas.depth.size
-    cells = cells_by_need(canvas, min(most, round(config.start_per_pixel * pixels)), planar.placement)
+    fitter = Fitter(canvas, observed, lift, planar, render)
+    cells = fitter.tree.cells(min(most, _start(fitter, most, config)))
     if len(cells.sizes) > most:
         raise BadInput(
             f"at most {most} anchors", f"{len(cells.sizes)} or more for this picture and canvas", "allow more anchors"
         )
-    fitter = _Fitter(canvas, observed, lift, planar, render)
     patience = EarlyStopping(config.min_gain_db, config.patience, smoothing=1.0)
     colours, steps, started = None, list[GrowthStep](), time.perf_counter()
+    thinned = True
     while True:
         grid = grid_of(canvas, cells)
-        colours, error, psnr = fitter.fit(grid, colours, config.solver_steps * (1 if steps else 2))
-        steps.append(GrowthStep(len(cells.sizes), psnr, time.perf_counter() - started))
+        colours, residual = fitter.fit(cells, grid, colours, config, thinned)
+        steps.append(GrowthStep(len(cells.sizes), residual.psnr_db, time.perf_counter() - started))
         if progress is not None:
             progress(steps[-1].anchors, most)
-        merit = fitter.merits(cells, error)
-        add = _more(steps, most, config)
+        merit, removed = fitter.merits(cells, residual)
         stopped = _why(steps, most, config) or (None if merit.any() else "every cell with an error is one pixel")
-        if stopped is None and patience.update(len(steps), psnr):
+        if stopped is None and patience.update(len(steps), residual.psnr_db):
             stopped = f"{config.patience} rounds gained less than {config.min_gain_db:g} dB"
-        if stopped is not None:
+        if stopped is not None and not thinned:
             return Growth(grid, colours, tuple(steps), stopped)
-        chosen = _largest(merit, max(1, add // 3))
-        cells, origin = split_cells(cells, chosen, canvas.depth.shape[1], canvas.depth.shape[0])
-        colours = colours[origin]
+        if stopped is not None:  # by some of the rays only: all of them must say so
+            steps.pop()
+        else:
+            order = np.argsort(-merit, kind="stable")[: np.count_nonzero(merit)]
+            splits = min(_splits(steps[-1], removed[order], residual, most, config), (most - steps[-1].anchors) // 3)
+            chosen = np.zeros(len(merit), bool)
+            chosen[order[: max(1, splits)]] = True
+            cells, origin = split_cells(cells, chosen, canvas.depth.shape[1], canvas.depth.shape[0])
+            colours = colours[origin]
+        thinned = False
+
+
+def _start(fitter: Fitter, most: int, config: GrowthConfig) -> int:
+    """How many anchors to begin with: a share of the count allowed, or of what should do by the quadtree's error."""
+    tree, pixels = fitter.tree, len(fitter.observed[0].rays)
+    count = config.start * config.max_anchors if config.max_anchors else float(most)
+    series = _series(tree.fewest, most)
+    if config.target_psnr is not None:
+        enough = squared_of(config.target_psnr - _FIT_GAIN, pixels)
+        at = bisect_left(series, -enough, key=lambda n: -tree.error(n))
+        count = min(count, config.start_target * series[min(at, len(series) - 1)])
+    if config.price is not None:
+        scores = [psnr_of(tree.error(n), pixels) for n in series]
+        rates = [(b - a) / (n - m) * 1000 for a, b, m, n in zip(scores, scores[1:], series, series[1:], strict=False)]
+        dear = next((n for n, rate in zip(series[1:], rates, strict=True) if rate < config.price), most)
+        count = min(count, config.start_target * dear)
+    return max(tree.fewest, round(count))
+
+
+def _series(low: int, high: int) -> list[int]:
+    """Counts from ``low`` to ``high``, each `_STEP` times the one before."""
+    steps = math.ceil(math.log(max(high / low, 1)) / math.log(_STEP))
+    return [*(round(low * _STEP**i) for i in range(steps)), max(low, high)]
 
 
 def _why(steps: list[GrowthStep], most: int, config: GrowthConfig) -> str | None:
@@ -135,77 +165,18 @@ def _why(steps: list[GrowthStep], most: int, config: GrowthConfig) -> str | None
     return None
 
 
-def _more(steps: list[GrowthStep], most: int, config: GrowthConfig) -> int:
-    """How many anchors the next round adds: the configured share, or as many as the target seems to need."""
-    last, share = steps[-1], config.growth
-    if config.target_psnr is not None and len(steps) > 1:
-        before = steps[-2]
-        slope = (last.psnr_db - before.psnr_db) / math.log(last.anchors / before.anchors)
-        if slope > 0:
-            needed = math.exp(min((config.target_psnr - last.psnr_db) / slope, 1.0))
-            share = min(share, max(needed, _SMALLEST_ROUND))
-    return min(round(last.anchors * (share - 1)), most - last.anchors)
-
-
-def _largest(merit: Float64Array, count: int) -> Any:
-    """Mask of the ``count`` largest merits that are not zero."""
-    chosen = merit > 0
-    if int(chosen.sum()) > count:
-        order = np.argsort(-merit, kind="stable")[:count]
-        chosen = np.zeros(len(merit), bool)
-        chosen[order] = True
-    return chosen
-
-
-class _Fitter:
-    """Solves for the colours of a grid, and says where the error lies."""
-
-    def __init__(
-        self,
-        canvas: Canvas,
-        observed: Sequence[Observation],
-        lift: Callable[[PlanarGrid], GaussianAnchors],
-        planar: PlanarConfig,
-        render: RenderConfig,
-    ) -> None:
-        self.canvas, self.observed, self.lift, self.planar, self.render = canvas, observed, lift, planar, render
-        self.decoders = analytic_decoders(planar.density, torch.Generator().manual_seed(0))
-        weights = [1.0, *[planar.placement.margin_importance] * (len(self.observed) - 1)]
-        places = [_on_canvas(o, canvas) for o in self.observed]
-        self.pixel = np.concatenate([p for p, _ in places])
-        # A pixel of a coarser observation stands for several of the canvas.
-        self.weight = np.concatenate([np.full(len(p), w * a) for (p, a), w in zip(places, weights, strict=True)])
-        placement, inside = planar.placement, np.zeros(canvas.depth.shape, np.float32)
-        inside[canvas.original] = 1.0
-        self.edges = edge_error(canvas.image, canvas.depth, placement) * inside
-
-    def fit(
-        self, grid: PlanarGrid, colours: Float32Array | None, steps: int
-    ) -> tuple[Float32Array, Float64Array, float]:
-        """Colours [N, 3], squared error of every observed ray [R], and PSNR of the input view in dB."""
-        view = linear_view(Renderer(self.lift(grid), self.decoders, self.render), *self.observed)
-        colours = refine(view, colours, self.planar, steps)
-        error = np.square(np.clip(predicted(view, colours), 0, 1) - view.target).sum(1, dtype=np.float64)
-        mean = float(error[: len(self.observed[0].rays)].mean()) / 3
-        return colours, error, -10 * math.log10(max(mean, 1e-12))
-
-    def merits(self, cells: Cells, error: Float64Array) -> Float64Array:
-        """What each cell errs, [N]; zero for cells of one pixel. More where it crosses a depth edge."""
-        height, width = self.canvas.depth.shape
-        where, n = cell_of_pixel(cells, width, height), len(cells.sizes)
-        merit = np.bincount(where.ravel()[self.pixel], error * self.weight, n)
-        edges = np.bincount(where.ravel(), self.edges.ravel(), n)
-        merit = merit + np.where(merit > 0, edges, 0)
-        return np.asarray(np.where(cells.sizes > 1, merit, 0))
-
-
-def _on_canvas(observation: Observation, canvas: Canvas) -> tuple[Any, float]:
-    """Canvas pixel (row-major) of each observed ray, and how many canvas pixels one of them covers."""
-    height, width = canvas.depth.shape
-    column = observation.rays % observation.camera.width + 0.5
-    row = observation.rays // observation.camera.width + 0.5
-    to, of = canvas.camera.K, observation.camera.K
-    x = (column - of[0, 2]) / of[0, 0] * to[0, 0] + to[0, 2]
-    y = (row - of[1, 2]) / of[1, 1] * to[1, 1] + to[1, 2]
-    flat = np.clip(np.floor(y + 1e-6), 0, height - 1) * width + np.clip(np.floor(x + 1e-6), 0, width - 1)
-    return flat.astype(np.int64), float(to[0, 0] / of[0, 0] * to[1, 1] / of[1, 1])
+def _splits(last: GrowthStep, removed: Float64Array, residual: Residual, most: int, config: GrowthConfig) -> int:
+    """How many splits the next round makes: so many that the rounds to the count allowed are alike, or fewer if the
+    target should need no more; ``removed``: squared error that each split should remove, in the order they are made.
+    """
+    ratio = config.growth
+    if config.max_anchors is not None:
+        left = most / last.anchors
+        ratio = left ** (1 / max(1, math.ceil(math.log(left) / math.log(ratio) - 1e-9)))
+    if config.target_psnr is None:
+        return int(last.anchors * (ratio - 1)) // 3
+    excess = residual.original - squared_of(config.target_psnr + _BEYOND, residual.pixels)
+    needed = int(np.searchsorted(np.cumsum(removed), excess)) + 1
+    # A round that knows what it needs may be as long as two, and none is too short to be worth it.
+    fewest, longest = (int(last.anchors * (share - 1)) // 3 for share in (_SMALLEST_ROUND, ratio**2))
+    return int(min(longest, max(needed, fewest)))

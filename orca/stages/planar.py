@@ -15,17 +15,17 @@ from orca.config import PlacementConfig, PlanarConfig
 from orca.conventions import Float64Array
 from orca.field.decoders import DENSITY_CHANNEL
 from orca.stages.canvas import Canvas
-from orca.stages.placement import Cells, quadtree
+from orca.stages.placement import Cells, Quadtree
 
 __all__ = [
     "PLANE_DEPTH",
     "PlanarGrid",
-    "cells_by_need",
     "grid_of",
     "place",
     "planar_anchors",
     "regular_grid",
     "rest_positions",
+    "tree_by_need",
 ]
 
 PLANE_DEPTH = 1.0  # z-depth of the plane; any value does, since stage 2 moves every anchor along its own ray
@@ -55,15 +55,15 @@ def by_need(canvas: Canvas, config: PlanarConfig) -> PlanarGrid:
     """Anchors where image and depth need them, `anchors_per_pixel` times the original's pixels in all."""
     rows, columns = canvas.original
     budget = round(config.anchors_per_pixel * canvas.depth[rows, columns].size)
-    return grid_of(canvas, cells_by_need(canvas, budget, config.placement))
+    return grid_of(canvas, tree_by_need(canvas, config.placement).cells(budget))
 
 
-def cells_by_need(canvas: Canvas, budget: int, config: PlacementConfig) -> Cells:
-    """A quadtree over the canvas of at most ``budget`` cells; see `quadtree`."""
+def tree_by_need(canvas: Canvas, config: PlacementConfig) -> Quadtree:
+    """Every quadtree over the canvas, an error in the outpainted margin counting less."""
     margin = np.ones(canvas.depth.shape, bool)
     margin[canvas.original] = False
     importance = np.where(margin, np.float32(config.margin_importance), np.float32(1))
-    return quadtree(canvas.image, canvas.depth, importance, budget, config, margin)
+    return Quadtree(canvas.image, canvas.depth, importance, config, margin)
 
 
 def grid_of(canvas: Canvas, cells: Cells) -> PlanarGrid:

@@ -18,11 +18,12 @@ from bench.datasets.case import SceneCase
 
 def curve(*grown: tuple[int, float]) -> SceneCurve:
     grids = [CurvePoint("grid", n, db, 1.0, 10.0) for n, db in ((25_000, 28.0), (50_000, 31.0), (100_000, 90.0))]
-    rounds = [CurvePoint("grown", n, db, 1.0, 10.0) for n, db in grown]
-    return SceneCurve("a", 40.0, (*grids, *rounds))
+    points = [CurvePoint("grown", n, db, 1.0, 10.0) for n, db in grown]
+    points[-1] = replace(points[-1], placement="target")
+    return SceneCurve("a", 40.0, (*grids, *points))
 
 
-def test_what_a_quality_needs_lies_on_a_straight_line_between_rounds() -> None:
+def test_what_a_quality_needs_lies_on_a_straight_line_between_points() -> None:
     measured = curve((10_000, 30.0), (20_000, 35.0), (30_000, 45.0))
     assert needed(measured, 32.0) == pytest.approx(14_000)
     assert needed(measured, 40.0) == pytest.approx(25_000)
@@ -64,7 +65,11 @@ def test_the_command_writes_chart_figures_and_page(tmp_path: Path, capsys: pytes
         rows = list(csv.DictReader(file))
     assert len(rows) == len(scene["points"])
     grown = {int(r["anchors"]): float(r["psnr_db"]) for r in rows if r["placement"] == "grown"}
-    assert max(grown) <= 0.75 * 64 * 64
+    assert [round(n / 64 / 64, 2) for n in grown][:3] == [0.06, 0.12, 0.25]
+    assert list(grown.values()) == sorted(grown.values())
+    (reached,) = [row for row in rows if row["placement"] == "target"]
+    assert float(reached["psnr_db"]) >= 39.99  # as rendered; growing goes by what it solved
+    assert int(reached["anchors"]) < 64 * 64
     assert (out / "anchors.png").stat().st_size > 1000
     page = (out / "README.md").read_text()
     assert page.count("\n| a |") == 1

@@ -18,7 +18,7 @@ from orca.stages.canvas import Canvas
 from orca.stages.growth import Growth, grow
 from orca.stages.observations import observations
 from orca.stages.placement import Cells, cell_of_pixel, quadtree, split_cells
-from orca.stages.planar import cells_by_need, planar_anchors
+from orca.stages.planar import planar_anchors, tree_by_need
 from tests.orca import repair_scenes
 from tests.orca.stage_inputs import bare_canvas, picture, psnr
 
@@ -136,6 +136,37 @@ def test_what_it_says_is_what_is_shown() -> None:
     assert psnr(np.clip(shown, 0, 1), canvas.image) == pytest.approx(growth.steps[-1].psnr_db, abs=0.01)
 
 
+def test_what_a_part_of_the_rays_says_is_confirmed_by_all() -> None:
+    """The first fit looks at one ray of four in coarse cells; detail that those rays miss does not count as reached."""
+    image = np.full((64, 64, 3), 0.4, np.float32)
+    image[33::8, 33::8] = 0.9  # odd places: a thinned fit sees none of them
+    canvas = bare_canvas(image)
+    target = psnr(np.full_like(image, 0.4), image) + 3
+    growth = grown(canvas, target_psnr=target)
+    assert growth.stopped == f"reached {target:g} dB"
+    assert (growth.grid.spacing < 8).any()
+    even = grown(bare_canvas(np.full((64, 64, 3), 0.4, np.float32)), target_psnr=40.0)
+    assert [s.anchors for s in even.steps] == [64]
+
+
+def test_it_starts_near_the_end() -> None:
+    """The quadtree's own error predicts how many anchors a target takes, so few rounds are left."""
+    canvas = bare_canvas(picture(96, 96))
+    for target in (28.0, 32.0, 36.0):
+        growth = grown(canvas, target_psnr=target)
+        assert growth.stopped == f"reached {target:g} dB"
+        assert len(growth.steps) <= 4
+        assert growth.steps[0].anchors < growth.steps[-1].anchors or len(growth.steps) == 1
+
+
+def test_rounds_to_a_count_are_alike() -> None:
+    counts = [s.anchors for s in grown(bare_canvas(picture(64, 64)), max_anchors=1500).steps]
+    ratios = [b / a for a, b in pairwise(counts)]
+    assert counts[0] == pytest.approx(900, abs=3)
+    assert len(ratios) == 3
+    assert max(ratios) - min(ratios) < 0.02
+
+
 def test_grown_anchors_beat_as_many_placed_at_once() -> None:
     canvas = bare_canvas(picture(64, 64))
     import torch
@@ -163,7 +194,7 @@ def test_the_margin_starts_from_coarser_cells_where_it_has_no_depth_edge() -> No
     depth[:, 80:] = 2.0
     canvas = Canvas(np.full((96, 96, 3), 0.5, np.float32), depth, repair_scenes.input_camera().padded(16, 16, 16, 16),
                     (16, 16, 16, 16))  # fmt: skip
-    cells = cells_by_need(canvas, 2000, PlacementConfig(margin_cell=16))
+    cells = tree_by_need(canvas, PlacementConfig(margin_cell=16)).cells(2000)
     size = cells.sizes[cell_of_pixel(cells, 96, 96)]
     assert (size[:16, :64] == 16).all()
     assert (size[16:80, 16:72] <= 8).all()

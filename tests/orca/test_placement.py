@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import cv2
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from orca.config import PlacementConfig
-from orca.stages.placement import LEVELS, Cells, quadtree
+from orca.stages.placement import LEVELS, Cells, Quadtree, quadtree
 from tests.orca.stage_inputs import picture, random_depth
 
 CONFIG = PlacementConfig()
@@ -150,3 +151,49 @@ def test_the_same_input_gives_the_same_cells() -> None:
     first, second = place(picture(40, 50), 300), place(picture(40, 50), 300)
     np.testing.assert_array_equal(first.centres, second.centres)
     np.testing.assert_array_equal(first.sizes, second.sizes)
+
+
+def tree(image: np.ndarray, margin: np.ndarray | None = None) -> Quadtree:
+    ones = np.ones(image.shape[:2], np.float32)
+    return Quadtree(image, ones, ones, CONFIG, margin)
+
+
+def test_more_cells_leave_less_error_and_a_cell_a_pixel_none() -> None:
+    errors = [tree(picture(64, 64)).error(budget) for budget in (64, 300, 1000, 2000, 3500, 4096)]
+    assert errors == sorted(errors, reverse=True)
+    assert errors[0] > errors[-2] > errors[-1] == 0
+
+
+def test_without_splits_the_error_is_that_of_the_reduced_image() -> None:
+    image = picture(64, 64)
+    small = cv2.resize(image, (8, 8), interpolation=cv2.INTER_AREA)
+    left = np.square(cv2.resize(small, (64, 64), interpolation=cv2.INTER_CUBIC) - image).sum()
+    assert tree(image).error(64) == pytest.approx(left, rel=1e-5)
+
+
+def test_the_error_in_the_margin_is_nobodys_input_view() -> None:
+    image, margin = np.full((64, 64, 3), 0.5, np.float32), np.zeros((64, 64), bool)
+    margin[:, 32:] = True
+    image[:, 48:] = picture(64, 16)
+    assert tree(image, margin).error(16) == pytest.approx(0, abs=1e-6)
+    assert tree(image).error(64) > 1
+
+
+def test_shares_say_what_splits_remove() -> None:
+    image = np.full((16, 40, 3), 0.5, np.float32)
+    image[::2, :8] = 0.8  # rows of a pixel: only cells of a pixel help
+    centres = [[4.0, 4.0], [36.0, 4.0], [2.0, 10.0], [1.0, 13.0], [0.5, 15.5]]
+    cells = Cells(np.array(centres), np.array([8.0, 8, 4, 2, 1]))
+    # Three levels down are 21 splits, two 5, one 1; what has no error is told the same; a pixel cannot be split.
+    np.testing.assert_allclose(tree(image).shares(cells), [1 / 21, 1 / 21, 1 / 5, 1, 0], atol=0.02)
+
+
+@settings(max_examples=20, deadline=None)
+@given(st.integers(16, 70), st.integers(16, 70), st.integers(0, 1000))
+def test_shares_are_shares(height: int, width: int, seed: int) -> None:
+    image = picture(height, width, seed)
+    whole = tree(image)
+    cells = whole.cells(height * width // 5)
+    shares = whole.shares(cells)
+    assert ((shares >= 0) & (shares <= 1)).all()
+    np.testing.assert_array_equal(shares == 0, cells.sizes == 1)
