@@ -182,6 +182,8 @@ def add_stability(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--cases", **names, help="cases or groups of cases (all whose data are here)")
     curves = "instead, quality against noise, scale, fov, seed, jpeg (all of them, or those named)"
     parser.add_argument("--curves", nargs="?", const="all", metavar="A,B", help=curves)
+    scene = "of the curves, one with true views (photos/motorcycle)"
+    parser.add_argument("--scene", default="photos/motorcycle", metavar="DATASET/SCENE", help=scene)
     parser.add_argument("--preset", default="draft", help="preset of ORCA (draft)")
     parser.add_argument("--time-limit", type=float, default=300.0, metavar="S", help="CPU seconds for a cell (300)")
     parser.add_argument("--memory-limit", type=float, default=8000.0, metavar="MB", help="resident memory (8000)")

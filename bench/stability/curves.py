@@ -1,4 +1,4 @@
-"""Quality against disturbance on motorcycle, where a real second view says what is right."""
+"""Quality against disturbance on a scene with true views: a real one of motorcycle, exact ones of synthetic scenes."""
 
 from __future__ import annotations
 
@@ -22,28 +22,34 @@ from bench.store import read_json, write_json
 from bench.trajectories import evenly_spaced
 from orca.errors import BadInput
 
-__all__ = ["CurveJob", "CurveRows", "run_curves", "seed_spread"]
+__all__ = ["SCENE", "CurveJob", "CurveRows", "check_scene", "run_curves", "seed_spread"]
 
+SCENE = "photos/motorcycle"
 FRAMES = 7  # of the path; it decides canvas and repairs, and is not what is measured
 _EQUAL_DB = 99.0  # stands for equal images
+_LARGE = 400  # pixels a side: pictures that are larger are reduced, see `Disturbance.share`
 VIEWS = ("input_psnr", "second_psnr")
 
 
 @dataclass(frozen=True)
 class CurveJob:
-    """A method on a disturbed motorcycle; the verdict's numbers are the PSNR of the true input and second view.
+    """A method on a disturbed scene; the verdict's numbers are the PSNR of the true input and of the second view.
+
+    Where a scene has several true views, the mean of theirs stands for the second.
 
     Attributes:
         kind: name of the disturbance.
         level: how much of it.
         method: name of the method.
         preset: preset of ORCA.
+        scene: data set and scene.
     """
 
     kind: str
     level: float
     method: str
     preset: str = "draft"
+    scene: str = SCENE
     leaves_traces: bool = False
 
     @property
@@ -55,7 +61,10 @@ class CurveJob:
         """See `bench.stability.job.Job`."""
         started = time.perf_counter()
         try:
-            case = reduced(open_dataset("photos").load("motorcycle"), DISTURBANCES[self.kind].share)
+            dataset, _, scene = self.scene.partition("/")
+            case = open_dataset(dataset).load(scene)
+            if min(case.image.shape[:2]) > _LARGE:
+                case = reduced(case, DISTURBANCES[self.kind].share)
             case = replace(case, eval_indices=evenly_spaced(len(case.trajectory), FRAMES))
             told = disturbed(case, self.kind, self.level)
             started = time.perf_counter()
@@ -66,7 +75,8 @@ class CurveJob:
         seconds = time.perf_counter() - started
         pairs = zip(output.true_views or (), told.true_views)
         psnr = [min(_EQUAL_DB, psnr_of_mse(mean_squared_error(render, view.image))) for render, view in pairs]
-        return Done(Verdict(EXACT, "", dict(zip(VIEWS, psnr))), seconds)
+        views = (psnr[0], statistics.fmean(psnr[1:])) if psnr[1:] else ()
+        return Done(Verdict(EXACT, "", dict(zip(VIEWS, views))), seconds)
 
 
 class CurveRows:
@@ -74,19 +84,27 @@ class CurveRows:
 
     Args:
         folder: of the run; made when the first row is written.
+        scene: data set and scene that the rows are of.
 
     Raises:
-        BadInput: the file that is there is not one of these.
+        BadInput: the file that is there is not one of these, or of another scene.
     """
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, scene: str = SCENE) -> None:
+        self.scene = scene
         self.path = Path(folder) / "curves.json"
         self._rows: dict[tuple[str, float, str], dict[str, Any]] = {}
         if self.path.is_file():
             try:
-                for row in read_json(self.path)["rows"]:
-                    self._rows[row["disturbance"], row["level"], row["method"]] = dict(row, version=row["version"])
-            except (KeyError, TypeError) as error:
+                document = read_json(self.path)
+                if document.get("scene", SCENE) != scene:
+                    raise ValueError(f"of the scene {document['scene']!r}, not {scene}")
+                for row in document["rows"]:
+                    key = row["disturbance"], 0.0 + row["level"], str(row["method"])
+                    if key[0] not in DISTURBANCES:
+                        raise ValueError(f"the disturbance {key[0]!r}")
+                    self._rows[key] = dict(row, version=row["version"])
+            except (KeyError, TypeError, ValueError, OverflowError) as error:
                 raise BadInput(
                     f"{self.path} with a broken row ({error})", "what bench stability --curves writes", "another --out"
                 ) from error
@@ -100,12 +118,28 @@ class CurveRows:
         """Write the row of a job."""
         head = {"disturbance": job.kind, "level": job.level, "method": job.method, "version": version}
         self._rows[job.kind, job.level, job.method] = head | values
-        write_json(self.path, {"schema_version": 1, "rows": self.rows(), "machine": host_facts()})
+        write_json(self.path, {"schema_version": 1, "scene": self.scene, "rows": self.rows(), "machine": host_facts()})
 
     def rows(self) -> list[dict[str, Any]]:
         """All rows, by disturbance, method and level."""
         order = list(DISTURBANCES)
-        return sorted(self._rows.values(), key=lambda r: (order.index(r["disturbance"]), r["method"], r["level"]))
+        keys = sorted(self._rows, key=lambda key: (order.index(key[0]), key[2], key[1]))
+        return [self._rows[key] for key in keys]
+
+
+def check_scene(text: str) -> None:
+    """Whether a data set's scene can say what is right.
+
+    Raises:
+        BadInput: not a data set and a scene, or a scene without true views.
+        Unknown: no such data set or scene.
+    """
+    dataset, slash, scene = text.partition("/")
+    allowed, fix = "DATASET/SCENE with true views", f"leave it out for {SCENE}, or choose synthetic/predictable-00"
+    if not slash:
+        raise BadInput(f"the scene '{text}'", allowed, fix)
+    if not open_dataset(dataset).load(scene).true_views:
+        raise BadInput(f"the scene '{text}', which has no true view", allowed, fix)
 
 
 def run_curves(
@@ -115,6 +149,7 @@ def run_curves(
     limits: Limits,
     preset: str,
     reporter: Reporter,
+    scene: str = SCENE,
 ) -> CurveRows:
     """Compute what is missing, writing each point as it is known. Methods without chance get one seed.
 
@@ -122,9 +157,9 @@ def run_curves(
         Unknown: no such method or disturbance.
         BadInput: the folder holds something else.
     """
-    rows = CurveRows(folder)
+    rows = CurveRows(folder, scene)
     versions = {method: METHODS.get(method).version(RunOptions(preset=preset)) for method in methods}
-    jobs = [CurveJob(k, float(level), m, preset) for k in kinds for m in methods for level in _levels(k, m)]
+    jobs = [CurveJob(k, float(level), m, preset, scene) for k in kinds for m in methods for level in _levels(k, m)]
     reporter.start(len(jobs))
     try:
         with Worker(limits) as worker:

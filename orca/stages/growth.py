@@ -141,7 +141,7 @@ def _start(fitter: Fitter, most: int, config: GrowthConfig) -> int:
         rates = [(b - a) / (n - m) * 1000 for a, b, m, n in zip(scores, scores[1:], series, series[1:], strict=False)]
         dear = next((n for n, rate in zip(series[1:], rates, strict=True) if rate < config.price), most)
         count = min(count, config.start_target * dear)
-    return max(tree.fewest, round(count))
+    return int(max(tree.fewest, round(count)))
 
 
 def _series(low: int, high: int) -> list[int]:

@@ -133,6 +133,27 @@ def test_a_method_that_fails_is_a_point(monkeypatch: pytest.MonkeyPatch) -> None
     assert (done.verdict.outcome, done.verdict.detail) == ("crash", "ValueError: no")
 
 
+def test_a_folder_holds_the_curves_of_one_scene(tmp_path: Path) -> None:
+    CurveRows(tmp_path, "synthetic/predictable-00").add(CurveJob("noise", 5.0, "warp"), "v1", {"second_psnr": 20.0})
+    assert len(CurveRows(tmp_path, "synthetic/predictable-00").rows()) == 1
+    with pytest.raises(BadInput, match="of the scene 'synthetic/predictable-00'"):
+        CurveRows(tmp_path)
+
+
+@pytest.mark.parametrize("scene", ["motorcycle", "photos/rocket", "photos/nowhere", "nowhere/motorcycle"])
+def test_a_scene_without_truth_is_refused(scene: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["stability", "--curves", "scale", "--methods", "warp", "--scene", scene]) == 2
+    assert "to do:" in capsys.readouterr().err
+
+
+def test_a_synthetic_scene_is_judged_at_all_its_true_views() -> None:
+    """A warp knows its input, and the exact depth leads to better novel views than a wrong one."""
+    done = [CurveJob("scale", level, "warp-telea", scene="synthetic/predictable-00").run() for level in (1.0, 1.25)]
+    exact, wrong = (d.verdict.numbers for d in done)
+    assert exact["input_psnr"] == wrong["input_psnr"] == 99.0
+    assert exact["second_psnr"] > wrong["second_psnr"] + 1
+
+
 @pytest.mark.slow
 def test_the_verb_on_motorcycle(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     words = ["stability", "--curves", "scale", "--methods", "warp-telea", "--out", str(tmp_path), "--json"]
