@@ -198,7 +198,7 @@ def _rank(path: Path) -> tuple[bool, bytes]:
     content = path.read_bytes()
     try:
         broken = bool(broken_seals(json.loads(content)))
-    except (ValueError, AttributeError):
+    except (ValueError, AttributeError, RecursionError):
         broken = True
     return broken, content
 
@@ -214,7 +214,7 @@ def _lines(path: Path) -> dict[str, str]:
         try:
             entry = dict(json.loads(line))
             answer = entry.pop("answer")
-        except (ValueError, TypeError, KeyError):
+        except (ValueError, TypeError, KeyError, RecursionError):
             continue
         found[json.dumps(entry, ensure_ascii=False)] = json.dumps(answer, ensure_ascii=False)
     return found

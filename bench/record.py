@@ -157,6 +157,15 @@ def _checked(record: CellRecord) -> CellRecord:
     tables = (record.timing, record.host, record.model, record.views, record.inputs)
     if not all(isinstance(word, str) for word in words) or not all(isinstance(part, dict) for part in tables):
         raise TypeError("a name that is no text, or a part that is no object")
+    if not all(isinstance(word, str | None) for word in (record.trajectory_sha256, record.codec)):
+        raise TypeError("a hash or a codec that is no text")
+    if any(type(frame.index) is not int or not isinstance(frame.pixel_sha256, str) for frame in record.frames):
+        raise TypeError("a frame without a number or a hash")
+    files, seconds = record.inputs.get("files", {}), record.timing.get("metrics", {})
+    if not isinstance(files, dict) or not isinstance(seconds, dict):
+        raise TypeError("files or seconds that are no object")
+    if not all(isinstance(second, int | float) for second in seconds.values()):
+        raise TypeError("seconds that are no number")
     for key, score in record.scores.items():
         number = score.value is None or (isinstance(score.value, int | float) and not isinstance(score.value, bool))
         if not number or type(score.n) is not int or not isinstance(score.spec, dict):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import fcntl
 import json
+import re
 import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -39,6 +40,27 @@ def read_json(path: Path) -> dict[str, Any]:
     if not isinstance(document, dict):
         raise BadInput(f"{path} holds a {type(document).__name__}", allowed, fix)
     return document
+
+
+# Of which type the parts of run.json are, where they are there; and those that are names or paths.
+_PARTS: dict[str, type] = {
+    **dict.fromkeys(("identity", "method_versions", "metric_specs", "preset_config", "folders"), dict),
+    **dict.fromkeys(("code", "data", "timing", "host"), dict),
+    **dict.fromkeys(("scenes", "methods", "metrics", "commands", "argv"), list),
+}
+_NAMES = {"identity": ("dataset", "images", "trajectory", "preset", "device", "codec"), "timing": ("started",)}
+
+
+def _is_run(document: dict[str, Any]) -> bool:
+    """Whether the parts that everybody reads are of the types that they are read as."""
+    if "identity" not in document or not all(isinstance(document.get(k, t()), t) for k, t in _PARTS.items()):
+        return False
+    words = [document.get("started"), *document.get("folders", {}).values()]
+    words += [document.get(part, {}).get(name) for part, names in _NAMES.items() for name in names]
+    listed = [name for part in ("scenes", "methods", "metrics") for name in document.get(part, ())]
+    if type(document["identity"].get("seed", 0)) is not int:
+        return False
+    return all(word is None or isinstance(word, str) for word in words) and all(isinstance(n, str) for n in listed)
 
 
 def _present_form(document: dict[str, Any]) -> dict[str, Any]:
@@ -154,7 +176,7 @@ class RunStore:
         if not self.run_path.is_file():
             return None
         document = read_json(self.run_path)
-        if document.get("schema_version") not in READABLE or not isinstance(document.get("identity"), dict):
+        if document.get("schema_version") not in READABLE or not _is_run(document):
             raise BadInput(
                 f"{self.run_path} is not the description of a run (schema_version {document.get('schema_version')})",
                 f"schema_version {' or '.join(map(str, READABLE))}, as bench run writes it",
@@ -173,7 +195,9 @@ class RunStore:
             write_json(path, trajectory.to_json())
 
     def load_trajectory(self, sha256: str) -> Trajectory | None:
-        """The cameras with that hash, or None if this run has none."""
+        """The cameras with that hash, or None if this run has none, or it is no hash."""
+        if not re.fullmatch("[0-9a-f]{64}", sha256):
+            return None
         path = self.root / "trajectories" / f"{sha256}.json"
         return Trajectory.from_json(read_json(path)) if path.is_file() else None
 

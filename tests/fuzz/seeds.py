@@ -16,7 +16,8 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from tests.fuzz.targets import json_bytes
+from bench.digest import unsealed
+from tests.fuzz.targets import json_bytes, sound_run
 
 __all__ = ["dictionary", "seeds"]
 
@@ -28,6 +29,7 @@ _DICTIONARIES = {
     "spec": ("frames:", "ply:", "file:", "onnx:", "?stage=", "unit=", "=", "&", "size=", "meaning=", "1e400", "nan"),
     "ply": ("element vertex ", "property float ", "end_header\n", "property list", "f_rest_0", "99999999999"),
     "tables": ("rows", "case", "method", "outcome", "scores", "key", "answer", "asked_of", "frame_sha256", "text"),
+    "run": ("schema_version", "identity", "digest", "timing", "host", "scores", "frames", "disturbance", "answer"),
     "pickle": ("cnumpy\ndtype\n", "ctorch._utils\n_rebuild_tensor_v2\n", "cos\nsystem\n", "R", "b", "\x93"),
     "scene": ("orca_scene", "__metadata__", "dtype", "shape", "data_offsets", "F32", "F64", "BOOL"),
 }
@@ -190,6 +192,14 @@ def _stored(folder: Path) -> Iterator[bytes]:
     yield (folder / "f.npz").read_bytes()
 
 
+def _run_files(folder: Path) -> Iterator[bytes]:
+    """As they are, and without their seals, which hold off what is behind them."""
+    for number, (_, content) in enumerate(sound_run()):
+        yield bytes([number]) + content
+        if b'"digest"' in content:
+            yield bytes([number]) + json_bytes(unsealed(json.loads(content)))
+
+
 def _other_json(folder: Path) -> Iterator[bytes]:
     yield json_bytes([{"case": "a", "method": "m", "outcome": "ok", "detail": "", "seconds": 1.5}])
     yield json_bytes({"bear": {"fx_512": 500.0, "forward_ratio": 0.2, "backward_ratio": 0.8}})
@@ -213,5 +223,6 @@ _MAKERS = {
     "spec": _specs,
     "onnx": _networks,
     "frames": _stored,
+    "run": _run_files,
     "tables": _other_json,
 }

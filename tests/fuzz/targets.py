@@ -240,6 +240,53 @@ def _tables(content: bytes) -> None:
         raise refused
 
 
+# What of a run's folder is fuzzed; llava.jsonl and curves.json are made up, since the fakes leave none.
+_RUN_FILES = ("run.json", "scenes/dark/a.json", "cache/scores/*/*.json", "answers/llava.jsonl", "curves.json")
+_ANSWER = b'{"asked_of": "m", "frame_sha256": "0", "text": "q", "answer": "yes"}\n'
+_CURVE = b'{"rows": [{"disturbance": "noise", "level": 0.1, "method": "m", "version": "1", "outcome": "ok"}]}'
+
+
+@cache
+def sound_run() -> tuple[tuple[Path, bytes], ...]:
+    """A small finished run: the files of `_RUN_FILES` and what they hold."""
+    from bench.runner import RunRequest, run_bench
+    from tests.bench import spine_fakes as fakes
+
+    root = folder() / "run"
+    request = RunRequest(fakes.FakeDataset(), ("a",), ("dark",), ("bright",), root)
+    run_bench(request, methods=fakes.METHODS, metrics=fakes.METRICS)
+    for name, content in (("answers/llava.jsonl", _ANSWER), ("curves.json", _CURVE)):
+        (root / name).parent.mkdir(exist_ok=True)
+        (root / name).write_bytes(content)
+    shutil.copytree(root, folder() / "other")
+    return tuple((path, path.read_bytes()) for name in _RUN_FILES for path in root.glob(name))
+
+
+def _run(content: bytes) -> None:
+    """The first byte says which of a run's files the rest is; then the run is checked, and merged with a sound one."""
+    from bench.merge import merge_runs
+    from bench.stability.curves import CurveRows
+    from bench.verify import verify_run
+
+    path, sound = sound_run()[content[0] % len(sound_run()) if content else 0]
+    root, out = folder() / "run", folder() / "merged"
+    shutil.rmtree(out, ignore_errors=True)
+    path.write_bytes(content[1:])
+    refused = None
+    for read in (
+        lambda: verify_run(root),
+        lambda: CurveRows(root).rows(),
+        lambda: merge_runs(out, (folder() / "other", root)),
+    ):
+        try:
+            read()
+        except OrcaError as error:
+            refused = error
+    path.write_bytes(sound)
+    if refused is not None:
+        raise refused
+
+
 def json_bytes(document: object) -> bytes:
     """A document as the seeds write it."""
     return json.dumps(document).encode()
@@ -260,5 +307,6 @@ TARGETS: dict[str, Target] = {
     "spec": Target(_spec, "`parse_external`, `parse_depth_spec`", 512),
     "onnx": Target(_onnx, "`OnnxDepth`", 4096, native=True),
     "frames": Target(_frames, "`load_frames` (npz of PNG)", 8192, native=True),
+    "run": Target(_run, "`merge_runs`, `verify_run`, `CurveRows`: a folder of a run", 16384, json=True, marked=True),
     "tables": Target(_tables, "scenes.json, stability rows, kept scores and answers", 2048, json=True),
 }
