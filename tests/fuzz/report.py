@@ -71,9 +71,11 @@ def write_report(runs: Path) -> Path:
 
 
 def _sums(runs: list[dict[str, Any]]) -> str:
-    """Minutes by the clock and of computing, executions."""
-    clock, computing = (sum(run.get(key, 0) for run in runs) / 60 for key in ("seconds", "cpu_seconds"))
-    return f"{clock:.1f} | {computing:.1f} | {sum(run['executions'] for run in runs):,}"
+    """Minutes by the clock and of computing, executions. Not every run wrote down how long it computed."""
+    clock = sum(run["seconds"] for run in runs) / 60
+    timed = [run["cpu_seconds"] for run in runs if "cpu_seconds" in run]
+    computing = f"{'' if len(timed) == len(runs) else 'over '}{sum(timed) / 60:.1f}" if timed else "not known"
+    return f"{clock:.1f} | {computing if runs else '0.0'} | {sum(run['executions'] for run in runs):,}"
 
 
 def _place(finding: str) -> str | None:
