@@ -34,6 +34,7 @@ class Mode(NamedTuple):
         layered: one sample a surface, or one a hit.
         window: per hit, neighbours on either side; negative for the whole layer.
         most: hits kept of each ray.
+        newest: only rays that meet an anchor from this one on are rendered; 0: all of them.
     """
 
     limits: tuple[float, float]
@@ -41,6 +42,7 @@ class Mode(NamedTuple):
     layered: bool
     window: int
     most: int
+    newest: int = 0
 
 
 class FieldTables(NamedTuple):
@@ -264,20 +266,21 @@ def _add_colours(
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")  # type: ignore[untyped-decorator]
 def render_tiles(
-    first: int,
-    end: int,
+    tiles: NDArray[np.int64],
     size: tuple[int, int],
     where: Footprints,
     field: FieldTables,
     mode: Mode,
     out: Float32Array,
+    met: NDArray[np.bool_],
 ) -> int:
-    """Render tiles ``first`` to ``end`` (excluded) of an image; returns the number of hits beyond the cap.
+    """Render some tiles of an image; returns the number of hits beyond the cap.
 
-    ``out`` [pixels, 5] receives rgb before background, accumulated alpha and sum T alpha t; zero at first.
+    ``out`` [pixels, 5] receives rgb before background, accumulated alpha and sum T alpha t; zero at first. ``met``
+    [pixels] becomes True where a ray was rendered, i.e. has hits.
     """
     full, overflow = TILE * TILE, 0
-    hits = new_tile_hits(hit_bound(first, end, where, size))
+    hits = new_tile_hits(hit_bound(tiles, where, size))
     rays = _Rays(np.empty(full, np.int32), np.empty((full, 2), np.int32), np.empty(full, np.float32))
     samples = _Round(
         np.empty(full, np.int32),
@@ -288,12 +291,15 @@ def render_tiles(
         np.empty(full, np.int64),
         np.empty(full, np.float32),
     )
-    for tile in range(first, end):
+    for tile in tiles:
         box = tile_box(tile, size)
-        overflow += collect_tile(tile, size, where, mode.limits, mode.most, hits)
+        overflow += collect_tile(tile, size, where, mode.limits, mode.most, mode.newest, hits)
         if mode.layered:
             _responses(hits.m2[: hits.total[0]])
         n = _start_rays((box[2] - box[0]) * (box[3] - box[1]), rays, hits, samples)
+        for s in range(n):
+            r = samples.ray[s]
+            met[(box[1] + r // (box[2] - box[0])) * size[0] + box[0] + r % (box[2] - box[0])] = True
         while n > 0:
             _aggregate_round(rays, hits, samples, n, field, mode)
             n = _composite_round(rays, hits, samples, n, field, box, size[0], out)

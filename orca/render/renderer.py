@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from copy import copy, deepcopy
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal
+from dataclasses import dataclass, fields
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 import torch
@@ -22,7 +22,9 @@ from orca.render.flat import FlatHits, render_flat
 from orca.render.frame import FieldTables, Mode, render_tiles
 from orca.render.hits import HitList
 from orca.render.reference import render_rays
+from orca.render.rows import SharedRows
 from orca.render.selector import footprints, select_whitened
+from orca.render.tiles import Footprints, tile_pixels
 from orca.threads import map_on_cores, single_threaded_blas
 
 if TYPE_CHECKING:
@@ -86,18 +88,31 @@ class Renderer:
             # The first density layer is linear and aggregation weights sum to one: applied once an anchor (5.3).
             self.carried = anchors.features.detach().cpu().numpy() @ matrices.density_in
         self.matrices = matrices
+        self._rows: dict[str, SharedRows] = {}  # what extensions of this renderer share with it
 
     def extended(self, more: Renderer) -> Renderer:
         """A renderer of these anchors followed by those of ``more`` (same decoders and configuration)."""
         whole = copy(self)
-        whole.anchors = GaussianAnchors.concatenate(self.anchors, more.anchors)
-        for name in ("means", "whitening", "opacity", "carried"):
-            setattr(whole, name, np.concatenate([getattr(self, name), getattr(more, name)]))
+        if self.anchors.means.device.type != "cpu":
+            whole.anchors = GaussianAnchors.concatenate(self.anchors, more.anchors)
+            for name in ("means", "whitening", "opacity", "carried"):
+                setattr(whole, name, np.concatenate([getattr(self, name), getattr(more, name)]))
+            return whole
+        tables: dict[str, NDArray[Any]] = {}
+        whole._rows = {}
+        for name in (*(f.name for f in fields(GaussianAnchors)), "whitening", "opacity", "carried"):
+            of_anchors = name in GaussianAnchors.__dataclass_fields__
+            mine, other = (getattr(r.anchors, name).numpy() if of_anchors else getattr(r, name) for r in (self, more))
+            whole._rows[name], tables[name] = self._rows.get(name, SharedRows(mine)).extended(len(mine), other)
+        whole.means, whole.whitening = tables["means"], tables.pop("whitening")
+        whole.opacity, whole.carried = tables.pop("opacity"), tables.pop("carried")
+        whole.anchors = GaussianAnchors(**{name: torch.from_numpy(table) for name, table in tables.items()})
         return whole
 
     def part(self, keep: NDArray[np.bool_]) -> Renderer:
         """A renderer of some of the anchors, in the same order: the same image wherever the others do not reach."""
         some = copy(self)
+        some._rows = {}
         some.anchors = self.anchors.subset(torch.from_numpy(np.flatnonzero(keep)))
         for name in ("means", "whitening", "opacity", "carried"):
             setattr(some, name, getattr(self, name)[keep])
@@ -120,31 +135,57 @@ class Renderer:
         paths = {"compiled": self._tiles, "torch": self._flat, "reference": self._reference}
         pixels, overflow = paths[self.backend](camera)
         shape = (camera.height, camera.width)
-        alpha = pixels[:, 3].reshape(shape)
-        rgb = pixels[:, :3].reshape(*shape, 3) + (1 - alpha[..., None]) * np.float32(self.config.background)
+        rgb, alpha, depth = self.finished(pixels)
+        return Rendering(rgb.reshape(*shape, 3), alpha.reshape(shape), depth.reshape(shape), overflow)
+
+    def finished(self, pixels: Float32Array) -> tuple[Float32Array, Float32Array, Float32Array]:
+        """Colour over the background, alpha and expected depth of pixels [n, 5], as `render_tiles` leaves them."""
+        alpha = np.ascontiguousarray(pixels[:, 3])
+        rgb = pixels[:, :3] + (1 - alpha[:, None]) * np.float32(self.config.background)
         with np.errstate(invalid="ignore", divide="ignore"):
-            depth = np.where(alpha > 0, pixels[:, 4].reshape(shape) / alpha, 0).astype(np.float32)
-        return Rendering(np.ascontiguousarray(rgb), np.ascontiguousarray(alpha), depth, overflow)
+            depth = np.where(alpha > 0, pixels[:, 4] / alpha, 0).astype(np.float32)
+        return np.ascontiguousarray(rgb), alpha, depth
 
     def _tiles(self, camera: Camera) -> tuple[Float32Array, int]:
+        where, _ = footprints(self.means, self.whitening, camera, self.config)
+        tiles = np.arange(len(where.offset) - 1)
+        out, _, overflow = self.render_tiles(camera, where, self.opacity, self.carried, tiles)
+        return out, overflow
+
+    def render_tiles(
+        self,
+        camera: Camera,
+        where: Footprints,
+        opacity: Float32Array,
+        carried: Float32Array,
+        tiles: NDArray[np.int64],
+        newest: int = 0,
+    ) -> tuple[Float32Array, NDArray[np.bool_], int]:
+        """Some tiles of a view, compiled: pixels [H * W, 5], which of them have hits [H * W], hits beyond the cap.
+
+        Args:
+            camera: the view.
+            where: the anchors that take part.
+            opacity, carried: theirs, [n] and [n, hidden channels].
+            tiles: which ones, row by row.
+            newest: only rays that meet an anchor from this one on are rendered; 0: all of them.
+        """
         size, config, m = (camera.width, camera.height), self.config, self.matrices
-        where, _ = footprints(self.means, self.whitening, camera, config)
-        directions = _harmonics(camera) if len(m.from_direction) else np.empty((0, SH_DIM), np.float32)
-        field = FieldTables(
-            self.opacity, self.carried, m.density, m.from_geo, m.from_direction, m.middle, m.last, directions
-        )
+        directions = _harmonics(camera, tiles) if len(m.from_direction) else np.empty((0, SH_DIM), np.float32)
+        field = FieldTables(opacity, carried, m.density, m.from_geo, m.from_direction, m.middle, m.last, directions)
         gaps = (config.layer_gap_sigmas, config.layer_gap_relative)
-        mode = Mode((config.chi2, config.near), gaps, config.decode == "layered", config.window, config.max_hits)
+        limits, layered = (config.chi2, config.near), config.decode == "layered"
+        mode = Mode(limits, gaps, layered, config.window, config.max_hits, newest)
         out = np.zeros((camera.width * camera.height, 5), np.float32)
-        tiles = len(where.offset) - 1
-        step = max(1, -(-tiles // _PIECES))
+        met = np.zeros(len(out), bool)
+        step = max(1, -(-len(tiles) // _PIECES))
 
         def work(first: int) -> int:
-            overflow: int = render_tiles(first, min(tiles, first + step), size, where, field, mode, out)
+            overflow: int = render_tiles(tiles[first : first + step], size, where, field, mode, out, met)
             return overflow
 
         with single_threaded_blas():
-            return out, sum(map_on_cores(work, range(0, tiles, step)))
+            return out, met, sum(map_on_cores(work, range(0, len(tiles), step)))
 
     def _flat(self, camera: Camera) -> tuple[Float32Array, int]:
         hits, overflow = expand_hits(self.anchors, camera, self.config)
@@ -181,10 +222,14 @@ class Renderer:
         return out, hits.overflow
 
 
-def _harmonics(camera: Camera) -> Float32Array:
-    """Spherical harmonics of every pixel's viewing direction, [pixels, 16]."""
-    rays = torch.nn.functional.normalize(torch.from_numpy(camera.rays()).float(), dim=1)
-    return np.ascontiguousarray(spherical_harmonics(rays).numpy())
+def _harmonics(camera: Camera, tiles: NDArray[np.int64]) -> Float32Array:
+    """Spherical harmonics of the viewing directions of some tiles' pixels, [H * W, 16]; 0 elsewhere."""
+    pixel = tile_pixels(tiles, (camera.width, camera.height))
+    centres = np.stack([pixel % camera.width + 0.5, pixel // camera.width + 0.5], 1)
+    rays = torch.nn.functional.normalize(torch.from_numpy(camera.rays(centres)).float(), dim=1)
+    out = np.zeros((camera.width * camera.height, SH_DIM), np.float32)
+    out[pixel] = spherical_harmonics(rays).numpy()
+    return out
 
 
 def render(scene: Scene, camera: Camera, device: str = "cpu") -> Rendering:

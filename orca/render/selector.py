@@ -106,13 +106,13 @@ def _collect(
     count: NDArray[np.int32],
 ) -> tuple[int, _Columns]:
     """Hits of some tiles one after another; sets ``start`` (from 0) and ``count`` of their rays."""
-    hits = new_tile_hits(hit_bound(first, end, where, size))
+    hits = new_tile_hits(hit_bound(np.arange(first, end), where, size))
     capacity = np.int64(1024)
     anchor, values = np.empty(capacity, np.int32), np.empty((3, capacity), np.float32)
     used, overflow = 0, 0
     for tile in range(first, end):
         x0, y0, x1, y1 = tile_box(tile, size)
-        overflow += collect_tile(tile, size, where, limits, most, hits)
+        overflow += collect_tile(tile, size, where, limits, most, 0, hits)
         n = hits.total[0]
         if used + n > capacity:
             capacity = 2 * (used + n)

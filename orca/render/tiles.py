@@ -19,11 +19,14 @@ __all__ = [
     "Footprints",
     "TileHits",
     "assign_tiles",
+    "changed_tiles",
     "collect_tile",
     "hit_bound",
     "layer_end",
     "new_tile_hits",
+    "reaching",
     "tile_box",
+    "tile_pixels",
 ]
 
 TILE = 32  # side in pixels
@@ -97,11 +100,49 @@ def tile_box(tile: int, size: tuple[int, int]) -> tuple[int, int, int, int]:
     return x0, y0, min(size[0], x0 + TILE), min(size[1], y0 + TILE)
 
 
+def tile_pixels(tiles: NDArray[np.int64], size: tuple[int, int]) -> NDArray[np.int64]:
+    """The pixels of some tiles of an image, ascending."""
+    columns, rows = -(-size[0] // TILE), -(-size[1] // TILE)
+    wanted = np.zeros((rows, columns), bool)
+    wanted.ravel()[tiles] = True
+    return np.flatnonzero(wanted.repeat(TILE, 0).repeat(TILE, 1)[: size[1], : size[0]])
+
+
 @numba.njit(cache=True, nogil=True, error_model="numpy")  # type: ignore[untyped-decorator]
-def hit_bound(first: int, end: int, where: Footprints, size: tuple[int, int]) -> int:
-    """No tile of ``first`` to ``end`` (excluded) has more hits than this: the pixels in its anchors' boxes."""
+def changed_tiles(box: NDArray[np.int32], size: tuple[int, int]) -> NDArray[np.bool_]:
+    """Which tiles the boxes reach into, [tiles]."""
+    columns, rows = (size[0] + TILE - 1) // TILE, (size[1] + TILE - 1) // TILE
+    changed = np.zeros(columns * rows, np.bool_)
+    for i in range(box.shape[0]):
+        if box[i, 2] > box[i, 0] and box[i, 3] > box[i, 1]:
+            for y in range(box[i, 1] // TILE, (box[i, 3] - 1) // TILE + 1):
+                for x in range(box[i, 0] // TILE, (box[i, 2] - 1) // TILE + 1):
+                    changed[y * columns + x] = True
+    return changed
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")  # type: ignore[untyped-decorator]
+def reaching(box: NDArray[np.int32], tiles: NDArray[np.bool_], size: tuple[int, int]) -> NDArray[np.int64]:
+    """The boxes that reach into some of the tiles, ascending."""
+    columns = (size[0] + TILE - 1) // TILE
+    found, n = np.empty(box.shape[0], np.int64), 0
+    for i in range(box.shape[0]):
+        if box[i, 2] > box[i, 0] and box[i, 3] > box[i, 1]:
+            inside = False
+            for y in range(box[i, 1] // TILE, (box[i, 3] - 1) // TILE + 1):
+                for x in range(box[i, 0] // TILE, (box[i, 2] - 1) // TILE + 1):
+                    inside |= tiles[y * columns + x]
+            if inside:
+                found[n] = i
+                n += 1
+    return found[:n]
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")  # type: ignore[untyped-decorator]
+def hit_bound(tiles: NDArray[np.int64], where: Footprints, size: tuple[int, int]) -> int:
+    """None of the tiles has more hits than this: the pixels in its anchors' boxes."""
     most = 0
-    for tile in range(first, end):
+    for tile in tiles:
         x0, y0, x1, y1 = tile_box(tile, size)
         total = 0
         for k in range(where.offset[tile], where.offset[tile + 1]):
@@ -130,17 +171,25 @@ def new_tile_hits(capacity: int) -> TileHits:
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")  # type: ignore[untyped-decorator]
 def collect_tile(
-    tile: int, size: tuple[int, int], where: Footprints, limits: tuple[float, float], most: int, hits: TileHits
+    tile: int,
+    size: tuple[int, int],
+    where: Footprints,
+    limits: tuple[float, float],
+    most: int,
+    newest: int,
+    hits: TileHits,
 ) -> int:
     """Fill ``hits`` with those of one tile, the ``most`` nearest of each ray; returns how many more there were.
 
-    ``limits`` are chi2 and near.
+    ``limits`` are chi2 and near. Rays that meet no anchor from ``newest`` on are left without hits.
     """
     box = tile_box(tile, size)
     rays = (box[2] - box[0]) * (box[3] - box[1])
     hits.length[:rays] = 0
     hits.total[0] = _find(tile, box, where, limits, hits.length, *hits.found)
     _deal(hits.total[0], rays, hits)
+    if newest > 0:
+        _keep_changed(rays, newest, hits)
     _sort(rays, hits)
     overflow = 0
     for r in range(rays):
@@ -217,6 +266,14 @@ def _deal(total: int, rays: int, hits: TileHits) -> None:
         hits.anchor[to], hits.t[to], hits.m2[to], hits.a[to] = anchor[k], values[k, 0], values[k, 1], values[k, 2]
     for r in range(rays):
         start[r] -= hits.length[r]
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")  # type: ignore[untyped-decorator]
+def _keep_changed(rays: int, newest: int, hits: TileHits) -> None:
+    """Take the hits from rays that meet no anchor from ``newest`` on: anchors ascend, so a ray's last one tells."""
+    for r in range(rays):
+        if hits.length[r] > 0 and hits.anchor[hits.start[r] + hits.length[r] - 1] < newest:
+            hits.length[r] = 0
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")  # type: ignore[untyped-decorator]

@@ -90,13 +90,15 @@ def connected_components(mask: BoolArray, min_area: int = 1, bridge: int = 0) ->
 
 def drop_small(mask: BoolArray, min_area: int, bridge: int = 0) -> BoolArray:
     """The mask [H, W] without the components that `connected_components` would leave out."""
-    kept = np.zeros_like(mask)
+    kept = mask.copy()
     if mask.any():
         # Labelling costs by the pixel: only the part that holds something is looked at.
-        x, y, width, height = cv2.boundingRect(mask.astype(np.uint8))
-        inside = np.s_[y : y + height, x : x + width]
-        labels, areas = _label(mask[inside], bridge)
-        kept[inside] = np.concatenate([[False], areas >= min_area])[labels]
+        x, y, width, height = cv2.boundingRect(mask.view(np.uint8))
+        inside = mask[y : y + height, x : x + width]
+        rows, columns = np.nonzero(inside)
+        label = _joined_labels(inside, bridge)[rows, columns]
+        small = (np.bincount(label) < min_area)[label]
+        kept[rows[small] + y, columns[small] + x] = False
     return kept
 
 
@@ -106,14 +108,18 @@ def _label(mask: BoolArray, bridge: int) -> tuple[NDArray[np.int32], NDArray[np.
         raise BadInput(
             f"mask of shape {mask.shape} and type {mask.dtype}", "a bool mask [H, W]", "see disocclusion_mask"
         )
+    labels = np.asarray(_joined_labels(mask, bridge) * mask, np.int32)
+    return labels, np.bincount(labels.ravel(), minlength=1)[1:].astype(np.int64)
+
+
+def _joined_labels(mask: BoolArray, bridge: int) -> NDArray[np.int32]:
+    """Label from 1 of each pixel of the mask, pieces up to ``bridge`` pixels apart joined, [H, W]."""
     joined = mask.astype(np.uint8)
     if bridge > 0:
         # Two pieces meet when each grows by half the gap.
         side = 2 * ((bridge + 1) // 2) + 1
         joined = cv2.dilate(joined, np.ones((side, side), np.uint8)).astype(np.uint8)
-    count, labels = cv2.connectedComponents(joined, connectivity=8)
-    labels = np.asarray(labels * mask, np.int32)
-    return labels, np.bincount(labels.ravel(), minlength=count)[1:].astype(np.int64)
+    return np.asarray(cv2.connectedComponents(joined, connectivity=8)[1], np.int32)
 
 
 def _boxes(labels: NDArray[np.int32], count: int) -> NDArray[np.int64]:

@@ -8,9 +8,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from orca.anchors import GaussianAnchors
 from orca.camera import Camera
 from orca.conventions import Float32Array, Float64Array
+from orca.render.changed import render_changed
 from orca.render.renderer import Renderer
 
 __all__ = ["InputSurface", "Trace", "trace_in"]
@@ -121,12 +121,12 @@ class InputSurface:
 
 @dataclass(frozen=True, eq=False)
 class Trace:
-    """What new anchors change in (a crop of) the input view.
+    """What new anchors change in the pixels of the input view that they reach.
 
     Attributes:
-        change: largest change of a colour channel of each pixel, [h * w].
-        cost: change of each pixel's squared error against the input image, over all channels, [h * w]; 0 without one.
-        anchors: which of the new anchors each pixel's ray meets, [h * w, K], -1 where there are fewer.
+        change: largest change of a colour channel of each pixel, [n].
+        cost: change of each pixel's squared error against the input image, over all channels, [n]; 0 without one.
+        anchors: which of the new anchors each pixel's ray meets, [n, K], -1 where there are fewer.
         count: how many new anchors there are.
     """
 
@@ -148,22 +148,32 @@ class Trace:
 
 
 def trace_in(
-    new: GaussianAnchors, near: Renderer, camera: Camera, before: Float32Array, image: Float32Array | None
-) -> Trace:
-    """What new anchors change in the input view.
+    new: Renderer,
+    scene: Renderer,
+    camera: Camera,
+    boxes: NDArray[np.int32],
+    before: Float32Array,
+    image: Float32Array | None,
+) -> Trace | None:
+    """What new anchors change in the input view; None if they do not reach it.
 
     A soft foreground edge lets through a little of what lies behind it, so being behind the surface is not enough.
 
     Args:
-        new: anchors about to be inserted.
-        near: renderer of the scene, or of the part of it that the view's crop needs.
-        camera: the input camera, or a crop of it that contains all footprints of the new anchors.
-        before: its render without them, [h, w, 3].
-        image: the same crop of the input image, [h, w, 3]; None if it is not at hand.
+        new: a renderer of the anchors about to be inserted alone.
+        scene: a renderer of the scene without them.
+        camera: the input camera.
+        boxes: footprints of the scene's anchors in its view (`Renderer.boxes`), [N, 4].
+        before: its render without the new anchors, [H, W, 3].
+        image: the input image, [H, W, 3]; None if it is not at hand.
     """
-    alone = Renderer(new, near.decoders, near.config, near.device)
-    after = near.extended(alone).render(camera).rgb
-    cost = np.zeros(after.shape[:2], np.float32)
+    changed = render_changed(scene, new, camera, boxes, new.boxes(camera))
+    if len(changed.pixel) == 0:
+        return None
+    after, before = changed.rgb, before.reshape(-1, 3)[changed.pixel]
+    cost = np.zeros(len(after), np.float32)
     if image is not None:
-        cost = (np.square(np.clip(after, 0, 1) - image) - np.square(np.clip(before, 0, 1) - image)).sum(2)
-    return Trace(np.abs(after - before).max(2).ravel(), cost.ravel(), alone.hits(camera).padded(), len(new))
+        wanted = image.reshape(-1, 3)[changed.pixel]
+        cost = (np.square(np.clip(after, 0, 1) - wanted) - np.square(np.clip(before, 0, 1) - wanted)).sum(1)
+    met = new.hits(camera).padded(changed.pixel)
+    return Trace(np.abs(after - before).max(1), cost, met, len(new.anchors))

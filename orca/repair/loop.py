@@ -221,9 +221,11 @@ class _Loop:
         """Add anchors to the scene and look at the whole trajectory again, where they can be seen."""
         touched: dict[int, Box] = {}
         if len(new):
-            self.anchors = GaussianAnchors.concatenate(self.anchors, new)
-            touched = self.views.insert(new)
-            self.input_view.insert(new)
+            alone = self._alone(new)
+            touched = self.views.insert(alone)
+            self.input_view.insert(alone)
+            self.views.renderer = self.input_view.renderer = self.views.renderer.extended(alone)
+            self.anchors = self.views.renderer.anchors
         views = sorted(touched)
         for i, missing in zip(views, map_on_cores(lambda i: self._missing(i, touched[i]), views), strict=True):
             self.missing[i] = missing
@@ -257,14 +259,14 @@ class _Loop:
 
     def _trace(self, new: GaussianAnchors) -> Trace | None:
         """What new anchors change in the input view; None if they do not reach it."""
-        box = self.input_view.footprint(new) if len(new) else None
-        if box is None:
+        if len(new) == 0:
             return None
-        near = self.input_view.renderer.part(self.input_view.reaching(0, box))
-        window = np.s_[box[1] : box[3], box[0] : box[2]]
-        image = None if self.input_image is None else self.input_image[window]
-        camera = crop_camera(self.input_view.cameras[0], box)
-        return trace_in(new, near, camera, self.input_view.rendered[0].rgb[window], image)
+        view, before = self.input_view, self.input_view.rendered[0].rgb
+        return trace_in(self._alone(new), view.renderer, view.cameras[0], view.boxes[0], before, self.input_image)
+
+    def _alone(self, new: GaussianAnchors) -> Renderer:
+        """A renderer of new anchors alone."""
+        return Renderer(new, self.decoders, self.render)
 
     def _fill(
         self, before: Rendering, component: Component, camera: Camera, decision: Decision

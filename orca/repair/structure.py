@@ -18,13 +18,13 @@ from numpy.typing import NDArray
 
 from orca.conventions import Float32Array
 from orca.repair.components import BoolArray
+from orca.repair.patches import compare, lowest, make_spans, short_list
 
 __all__ = ["ExemplarRules", "continue_structure"]
 
 _MIN_CANDIDATES = 64
 _FLAT = 1e-3  # priority of a patch without any structure; gradients count from here
 _NOISE = 1e-4  # squared colour error that is rendering noise: matches this good are equally good
-_MOST_CANDIDATES = 12288  # of the whole patches; a random part keeps every phase of a pattern many times over
 _SHORT_LIST = 8  # so many times `matches` candidates are compared on every pixel, the others on every fourth
 
 
@@ -66,23 +66,22 @@ def continue_structure(
     candidates = np.flatnonzero(whole).astype(np.int64)
     if len(candidates) < _MIN_CANDIDATES:
         return None
-    if len(candidates) > _MOST_CANDIDATES:
-        candidates = np.sort(np.random.default_rng(0).choice(candidates, _MOST_CANDIDATES, replace=False))
     scale = np.float32(1.0 / float(np.median(inverse_depth[source])))
     image = np.dstack([rgb, scale * inverse_depth]).astype(np.float32)
     image[~source] = 0.0
-    # A padded frame, so that no patch reaches outside.
-    radius = rules.radius
+    # A padded frame, so that no patch reaches outside; a plane for each channel.
+    radius, (height, width) = rules.radius, hole.shape
     pad = ((radius, radius), (radius, radius))
-    padded = np.pad(image, (*pad, (0, 0)))
+    planes = np.ascontiguousarray(np.pad(image, (*pad, (0, 0))).transpose(2, 0, 1))
     known, inside = np.pad(source, pad), np.pad(hole, pad)
     strength = np.pad(_structure(rgb, source), pad)
-    width = hole.shape[1]
     candidates = (candidates // width + radius) * (width + 2 * radius) + candidates % width + radius
+    spans, candidates = make_spans(candidates)
     matches = min(rules.matches, len(candidates))
-    _fill(padded, known, inside, strength, candidates, radius, matches, np.float32(rules.offset_weight))
-    inner = np.s_[radius : radius + hole.shape[0], radius : radius + width]
-    return padded[inner][..., :3], padded[inner][..., 3] / scale, np.asarray(known[inner] & hole)
+    _fill(planes, known, inside, strength, candidates, spans, radius, matches, np.float32(rules.offset_weight))
+    filled = planes[:, radius : radius + height, radius : radius + width]
+    known = known[radius : radius + height, radius : radius + width]
+    return np.ascontiguousarray(filled[:3].transpose(1, 2, 0)), filled[3] / scale, np.asarray(known & hole)
 
 
 def _structure(rgb: Float32Array, source: BoolArray) -> Float32Array:
@@ -95,11 +94,12 @@ def _structure(rgb: Float32Array, source: BoolArray) -> Float32Array:
 
 @numba.njit(cache=True, nogil=True)  # type: ignore[untyped-decorator]
 def _fill(
-    image: Float32Array,
+    planes: Float32Array,
     known: BoolArray,
     hole: BoolArray,
     strength: Float32Array,
     candidates: NDArray[np.int64],
+    spans: NDArray[np.int64],
     radius: int,
     matches: int,
     offset_weight: float,
@@ -108,19 +108,32 @@ def _fill(
     height, width = hole.shape
     confidence = known.astype(np.float32)
     priority = np.full((height, width), np.float32(-1.0))
+    top, bottom, left, right = height, radius, width, radius  # of the hole
     for y in range(radius, height - radius):
         for x in range(radius, width - radius):
-            priority[y, x] = _priority(known, hole, confidence, strength, y, x, radius)
+            if hole[y, x]:
+                top, bottom, left, right = min(top, y), max(bottom, y + 1), min(left, x), max(right, x + 1)
+                priority[y, x] = _priority(known, hole, confidence, strength, y, x, radius)
     while True:
-        best = np.argmax(priority)
-        y, x = best // width, best % width
-        if priority[y, x] < 0:
+        y, x = _highest(priority, top, bottom, left, right)
+        if y < 0:
             return
-        _paste(image, known, hole, confidence, candidates, y, x, radius, matches, offset_weight)
+        _paste(planes, known, hole, confidence, candidates, spans, y, x, radius, matches, offset_weight)
         reach = 2 * radius + 1
-        for v in range(max(radius, y - reach), min(height - radius, y + reach + 1)):
-            for u in range(max(radius, x - reach), min(width - radius, x + reach + 1)):
+        for v in range(max(top, y - reach), min(bottom, y + reach + 1)):
+            for u in range(max(left, x - reach), min(right, x + reach + 1)):
                 priority[v, u] = _priority(known, hole, confidence, strength, v, u, radius)
+
+
+@numba.njit(cache=True, nogil=True)  # type: ignore[untyped-decorator]
+def _highest(priority: Float32Array, top: int, bottom: int, left: int, right: int) -> tuple[int, int]:
+    """Where the highest priority of a box is, the first of equal ones; -1, -1 if there is nothing to fill."""
+    most, where_y, where_x = np.float32(-1.0), -1, -1
+    for y in range(top, bottom):
+        for x in range(left, right):
+            if priority[y, x] > most:
+                most, where_y, where_x = priority[y, x], y, x
+    return where_y, where_x
 
 
 @numba.njit(cache=True, nogil=True)  # type: ignore[untyped-decorator]
@@ -142,11 +155,12 @@ def _priority(
 
 @numba.njit(cache=True, nogil=True)  # type: ignore[untyped-decorator]
 def _paste(
-    image: Float32Array,
+    planes: Float32Array,
     known: BoolArray,
     hole: BoolArray,
     confidence: Float32Array,
     candidates: NDArray[np.int64],
+    spans: NDArray[np.int64],
     y: int,
     x: int,
     radius: int,
@@ -155,17 +169,15 @@ def _paste(
 ) -> None:
     """Fill the unknown hole pixels of the patch around (y, x) with the weighted mean of its best matches."""
     width = hole.shape[1]
-    pixels = image.reshape(-1, 4)
+    pixels = planes.reshape(4, -1)
     shifts, coarse = _known_shifts(known, y, x, radius)
     centre = y * width + x
     short = candidates
-    if len(candidates) > _SHORT_LIST * matches and len(coarse) >= 4:
-        cost, _ = _compare(pixels, candidates, centre, coarse, offset_weight)
-        short = _lowest(cost, _SHORT_LIST * matches)
-        for k in range(len(short)):
-            short[k] = candidates[short[k]]
-    cost, offset = _compare(pixels, short, centre, shifts, offset_weight)
-    order = _lowest(cost, min(matches, len(cost)))
+    if len(candidates) > _SHORT_LIST * matches:
+        rough = coarse if len(coarse) >= 4 else shifts
+        short = short_list(pixels, candidates, spans, centre, rough, offset_weight, _SHORT_LIST * matches)
+    cost, offset = compare(pixels, short, centre, shifts, offset_weight)
+    order = lowest(cost, min(matches, len(cost)))
     weight, total, least = np.empty(len(order)), 0.0, cost[order[0]]
     for k in range(len(order)):
         weight[k] = np.exp(-(cost[order[k]] - least) / (2.0 * (least + _NOISE)))
@@ -181,28 +193,12 @@ def _paste(
                 for c in range(4):
                     value = 0.0
                     for k in range(len(order)):
-                        value += weight[k] * (pixels[short[order[k]] + shift, c] + offset[order[k], c])
-                    image[v, u, c] = value / total
+                        value += weight[k] * (pixels[c, short[order[k]] + shift] + offset[order[k], c])
+                    planes[c, v, u] = value / total
                 confidence[v, u] = sure / (2 * radius + 1) ** 2
     for v in range(y - radius, y + radius + 1):
         for u in range(x - radius, x + radius + 1):
             known[v, u] |= hole[v, u]
-
-
-@numba.njit(cache=True, nogil=True)  # type: ignore[untyped-decorator]
-def _lowest(cost: Float32Array, n: int) -> NDArray[np.int64]:
-    """Indices of the ``n`` lowest costs, the lowest first; of equal ones the first."""
-    order, filled = np.empty(n, np.int64), 0
-    for i in range(len(cost)):
-        if filled == n and cost[i] >= cost[order[n - 1]]:
-            continue
-        j = min(filled, n - 1)
-        while j > 0 and cost[order[j - 1]] > cost[i]:
-            order[j] = order[j - 1]
-            j -= 1
-        order[j] = i
-        filled = min(filled + 1, n)
-    return order
 
 
 @numba.njit(cache=True, nogil=True)  # type: ignore[untyped-decorator]
@@ -220,30 +216,3 @@ def _known_shifts(known: BoolArray, y: int, x: int, radius: int) -> tuple[NDArra
                     some[m] = v * width + u
                     m += 1
     return every[:n], some[:m]
-
-
-@numba.njit(cache=True, nogil=True, fastmath=True)  # type: ignore[untyped-decorator]
-def _compare(
-    pixels: Float32Array, candidates: NDArray[np.int64], centre: int, shifts: NDArray[np.int64], offset_weight: float
-) -> tuple[Float32Array, Float32Array]:
-    """Cost of every candidate patch, [n], and the offset of colour and depth that brings it closest, [n, 4]."""
-    count = np.float32(len(shifts))
-    here = np.empty((len(shifts), 4), np.float32)
-    for j in range(len(shifts)):
-        for c in range(4):
-            here[j, c] = pixels[centre + shifts[j], c]
-    cost, offset = np.empty(len(candidates), np.float32), np.empty((len(candidates), 4), np.float32)
-    for k in range(len(candidates)):
-        s0, s1, s2, s3 = np.float32(0), np.float32(0), np.float32(0), np.float32(0)
-        squares = np.float32(0)
-        for j in range(len(shifts)):
-            p = candidates[k] + shifts[j]
-            d0, d1 = here[j, 0] - pixels[p, 0], here[j, 1] - pixels[p, 1]
-            d2, d3 = here[j, 2] - pixels[p, 2], here[j, 3] - pixels[p, 3]
-            s0, s1, s2, s3 = s0 + d0, s1 + d1, s2 + d2, s3 + d3
-            squares += d0 * d0 + d1 * d1 + d2 * d2 + d3 * d3
-        s0, s1, s2, s3 = s0 / count, s1 / count, s2 / count, s3 / count
-        offset[k, 0], offset[k, 1], offset[k, 2], offset[k, 3] = s0, s1, s2, s3
-        # An offset of depth costs nothing: along a slope every place has another one.
-        cost[k] = squares / count - (1 - offset_weight) * (s0 * s0 + s1 * s1 + s2 * s2) - s3 * s3
-    return cost, offset

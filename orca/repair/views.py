@@ -8,14 +8,13 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from orca.anchors import GaussianAnchors
 from orca.camera import Camera
+from orca.render.changed import render_changed
 from orca.render.renderer import Renderer, Rendering
+from orca.render.rows import SharedRows
 from orca.threads import map_on_cores
 
 __all__ = ["Box", "WatchedViews", "crop_camera", "grown"]
-
-_CELL = 32  # pixels a side of the cells that touched parts of a view are made of
 
 Box = tuple[int, int, int, int]  # x0, y0, x1, y1 in pixels, the far ends excluded
 
@@ -23,8 +22,8 @@ Box = tuple[int, int, int, int]  # x0, y0, x1, y1 in pixels, the far ends exclud
 class WatchedViews:
     """Renders of all watched views under the scene as it stands.
 
-    After an insertion only the pixels that the new anchors' footprints can reach are rendered again: every other ray
-    has the hits it had before, so its colour cannot have changed (METHOD.md 5.5). A test compares with full renders.
+    After an insertion only the pixels that the new anchors reach are rendered again (`render_changed`). A test compares
+    with full renders.
 
     Args:
         cameras: the views.
@@ -42,48 +41,39 @@ class WatchedViews:
         self.renderer = renderer
         self.rendered: list[Rendering] = []
         self.boxes: list[NDArray[np.int32]] = []
+        self._rows: list[SharedRows] = []  # the memory of the boxes
         self.pixels_rendered_again = [0] * len(self.cameras)
         started = time.perf_counter()
         for i, camera in enumerate(self.cameras):
             self.rendered.append(renderer.render(camera))
             self.boxes.append(renderer.boxes(camera))
+            self._rows.append(SharedRows(self.boxes[-1]))
             progress(i + 1, len(self.cameras))
         self.seconds = time.perf_counter() - started  # what rendering all views costs
 
-    def insert(self, new: GaussianAnchors) -> dict[int, Box]:
-        """Add anchors to the scene and bring every view they touch up to date; returns what was rendered again."""
-        alone = Renderer(new, self.renderer.decoders, self.renderer.config, self.renderer.device)
-        self.renderer = self.renderer.extended(alone)
+    def insert(self, new: Renderer) -> dict[int, Box]:
+        """Add anchors, given as a renderer of them alone, and bring every view they touch up to date.
+
+        Returns a box around everything that has changed, of each of these views. That the scene is a larger one
+        (`Renderer.extended`) is for the caller to note in ``renderer``, once for all that watch it.
+        """
 
         def update(index: int) -> Box | None:
-            boxes = alone.boxes(self.cameras[index])
-            self.boxes[index] = np.concatenate([self.boxes[index], boxes])
-            around = _around(boxes)
+            boxes = new.boxes(self.cameras[index])
+            before, around = self.boxes[index], _around(boxes)
+            self._rows[index], self.boxes[index] = self._rows[index].extended(len(before), boxes)
             if around is not None:
-                self._render_again(index, around, _patches(boxes))
+                changed = render_changed(self.renderer, new, self.cameras[index], before, boxes)
+                changed.write_to(self.rendered[index])
+                self.pixels_rendered_again[index] += len(changed.pixel)
             return around
 
         touched = map_on_cores(update, range(len(self.cameras)))
         return {index: box for index, box in enumerate(touched) if box is not None}
 
-    def footprint(self, new: GaussianAnchors, view: int = 0) -> Box | None:
-        """Box around everything that some new anchors can touch in a view; None if nothing."""
-        alone = Renderer(new, self.renderer.decoders, self.renderer.config, self.renderer.device)
-        return _around(alone.boxes(self.cameras[view]))
-
     def reaching(self, view: int, box: Box) -> NDArray[np.bool_]:
         """Which anchors reach into a part of a view, [N]."""
         return _reaching(self.boxes[view], box)
-
-    def _render_again(self, index: int, around: Box, patches: list[Box]) -> None:
-        keep = self.reaching(index, around)
-        near, boxes = self.renderer.part(keep), self.boxes[index][keep]
-        before = self.rendered[index]
-        for box in patches:
-            part = near.part(_reaching(boxes, box)).render(crop_camera(self.cameras[index], box))
-            for whole, patch in ((before.rgb, part.rgb), (before.alpha, part.alpha), (before.depth, part.depth)):
-                whole[box[1] : box[3], box[0] : box[2]] = patch
-            self.pixels_rendered_again[index] += (box[2] - box[0]) * (box[3] - box[1])
 
 
 def _reaching(boxes: NDArray[np.int32], box: Box) -> NDArray[np.bool_]:
@@ -98,36 +88,6 @@ def _around(boxes: NDArray[np.int32]) -> Box | None:
         return None
     low, high = boxes[:, :2].min(0), boxes[:, 2:].max(0)
     return int(low[0]), int(low[1]), int(high[0]), int(high[1])
-
-
-def _patches(boxes: NDArray[np.int32]) -> list[Box]:
-    """A few disjoint boxes that cover some footprints more closely than the box around them all.
-
-    Holes lie along silhouettes, thin and bent: the box around one can be ten times its area. Cells that a footprint
-    reaches are joined along rows, and rows of one extent are joined with each other.
-    """
-    around = _around(boxes)
-    if around is None:
-        return []
-    left, top, right, bottom = around
-    boxes = boxes[(boxes[:, 2] > boxes[:, 0]) & (boxes[:, 3] > boxes[:, 1])]
-    cells = (boxes.astype(np.int64) - np.array([left, top, left + 1, top + 1])) // _CELL
-    # A footprint adds one at its first cell and takes it back after its last one, along both axes.
-    count = np.zeros(((bottom - top - 1) // _CELL + 2, (right - left - 1) // _CELL + 2), np.int64)
-    for row, column, sign in ((1, 0, 1), (3, 0, -1), (1, 2, -1), (3, 2, 1)):
-        np.add.at(count, (cells[:, row] + (row == 3), cells[:, column] + (column == 2)), sign)
-    reached = count.cumsum(0).cumsum(1)[:-1, :-1] > 0
-    patches: list[Box] = []
-    for y, cells_of_row in enumerate(reached):
-        ends = np.flatnonzero(np.diff(np.concatenate([[False], cells_of_row, [False]]).astype(np.int8)))
-        low, high = top + y * _CELL, min(bottom, top + (y + 1) * _CELL)
-        for x0, x1 in zip(left + _CELL * ends[::2], np.minimum(right, left + _CELL * ends[1::2]), strict=True):
-            above = next((i for i, p in enumerate(patches) if (p[0], p[2], p[3]) == (x0, x1, low)), None)
-            if above is None:
-                patches.append((int(x0), low, int(x1), high))
-            else:
-                patches[above] = (int(x0), patches[above][1], int(x1), high)
-    return patches
 
 
 def grown(box: Box, by: int, camera: Camera) -> Box:

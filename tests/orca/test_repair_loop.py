@@ -110,8 +110,10 @@ def test_incremental_views_equal_full_renders(unrepaired: Scene, repaired: Recon
     views = WatchedViews(cameras, unrepaired.renderer())
     new = inserted(repaired)
     half = torch.arange(len(new)) % 2 == 0
-    views.insert(new.subset(half))
-    views.insert(new.subset(~half))
+    for part in (new.subset(half), new.subset(~half)):
+        alone = Renderer(part, unrepaired.decoders, unrepaired.render_config)
+        views.insert(alone)
+        views.renderer = views.renderer.extended(alone)
     everything = GaussianAnchors.concatenate(unrepaired.anchors, new.subset(half), new.subset(~half))
     whole = Renderer(everything, unrepaired.decoders, unrepaired.render_config)
     for camera, kept in zip(cameras, views.rendered, strict=True):

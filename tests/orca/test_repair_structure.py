@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from orca.repair.patches import MOST_CANDIDATES, SPAN, compare, lowest, make_spans, short_list
 from orca.repair.structure import ExemplarRules, continue_structure
 
 RULES = ExemplarRules(radius=4, matches=12)
@@ -101,3 +102,28 @@ def test_the_same_twice() -> None:
     assert one is not None
     assert two is not None
     np.testing.assert_array_equal(one[0], two[0])
+
+
+@pytest.mark.parametrize(("count", "shifts"), [(700, 9), (60, 5), (3000, 26)])
+def test_the_short_list_is_the_lowest_of_all_costs(count: int, shifts: int) -> None:
+    rng = np.random.default_rng(count)
+    pixels = rng.uniform(0, 1, (4, 6000)).astype(np.float32)
+    # Stretches with gaps, single ones, and more on end than a span is long.
+    candidates = np.sort(rng.choice(np.arange(500, 5500), count, replace=False))
+    offsets = np.sort(rng.choice(np.arange(-400, 400), shifts, replace=False))
+    bounds, same = make_spans(candidates)
+    np.testing.assert_array_equal(same, candidates)
+    listed = short_list(pixels, candidates, bounds, 3000, offsets, 0.5, 40)
+    cost, _ = compare(pixels, candidates, 3000, offsets, 0.5)
+    np.testing.assert_array_equal(listed, candidates[lowest(cost, 40)])
+
+
+def test_of_too_many_candidates_whole_spans_are_kept() -> None:
+    candidates = np.concatenate([np.arange(row * 400, row * 400 + 130 + row % 7) for row in range(300)])
+    bounds, kept = make_spans(candidates)
+    assert 0.9 * MOST_CANDIDATES < len(kept) < 1.1 * MOST_CANDIDATES
+    assert np.isin(kept, candidates).all()
+    assert (np.diff(kept) > 0).all()
+    np.testing.assert_array_equal(bounds[1:, 0], bounds[:-1, 1])
+    assert (bounds[0, 0], bounds[-1, 1]) == (0, len(kept))
+    assert all(kept[end - 1] - kept[first] < SPAN for first, end in bounds)
