@@ -146,6 +146,7 @@ def needed(curve: SceneCurve, psnr_db: float) -> float | None:
 def measure_curve(case: SceneCase, config: ReconstructConfig, goal: Goal) -> SceneCurve:
     """Fit one scene's image with every grid, and grow to the goal and to some counts."""
     canvas = Canvas(to_float(case.image), case.depth, case.camera, (0, 0, 0, 0))
+    _grid(canvas, GRIDS[0], config)  # a process's first fit loads kernels
     points = [_grid(canvas, per_pixel, config) for per_pixel in GRIDS[:-1]]
     turns = [(_grid(canvas, GRIDS[-1], config), _to_target(canvas, config, goal)) for _ in range(_TURNS)]
     finest, reached = (_median([turn[i] for turn in turns]) for i in range(2))
