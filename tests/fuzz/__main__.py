@@ -10,6 +10,7 @@ import argparse
 import json
 import re
 import resource
+import shutil
 import subprocess
 import sys
 import time
@@ -17,7 +18,7 @@ from pathlib import Path
 
 from tests.fuzz.report import write_report
 from tests.fuzz.seeds import dictionary, seeds
-from tests.fuzz.targets import TARGETS
+from tests.fuzz.targets import TARGETS, folder
 
 _HERE = Path(__file__).resolve().parent
 
@@ -83,7 +84,10 @@ def _engine(name: str, seconds: float, corpus: Path, findings: Path, words: Path
     command += [str(corpus), *([str(kept)] if kept.is_dir() else [])]
     log = findings.parent / f"{name}.log"
     with log.open("wb") as file:
-        code = subprocess.run(command, stdout=file, stderr=file, check=False).returncode
+        process = subprocess.Popen(command, stdout=file, stderr=file)
+        code = process.wait()
+    for left in folder().parent.glob(f"orca-fuzz-{process.pid}-*"):  # libFuzzer ends without a word to Python
+        shutil.rmtree(left, ignore_errors=True)
     text = log.read_text(errors="replace")
     done = re.findall(r"^#(\d+)|stat::number_of_executed_units: (\d+)", text, re.MULTILINE)
     return max((int(a or b) for a, b in done), default=0), code != 0

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import atexit
 import json
 import os
 import re
@@ -54,9 +55,11 @@ def refused_or_read(target: Target, content: bytes) -> str | None:
 
 @cache
 def folder() -> Path:
-    """A folder in memory, where there is one: thousands of files a second are written into it."""
+    """A folder in memory, where there is one: thousands of files a second are written into it. Removed at the end."""
     memory = Path("/dev/shm")
-    return Path(tempfile.mkdtemp(prefix="orca-fuzz-", dir=memory if os.access(memory, os.W_OK) else None))
+    place = tempfile.mkdtemp(prefix=f"orca-fuzz-{os.getpid()}-", dir=memory if os.access(memory, os.W_OK) else None)
+    atexit.register(shutil.rmtree, place, ignore_errors=True)
+    return Path(place)
 
 
 def _file(name: str, content: bytes) -> Path:
