@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from bench.stability.curves import VIEWS, seed_spread
+from bench.stability.curves import EQUAL_DB, VIEWS, seed_spread
 from bench.stability.disturb import DISTURBANCES
 from orca.atomic import atomic_path
 
@@ -77,7 +77,9 @@ def _draw(rows: Sequence[dict[str, Any]], path: Path) -> None:
         for method, colour in colours.items():
             for view, (style, words) in _LINES.items():
                 found = [r for r in rows if (r["disturbance"], r["method"]) == (kind, method) and r[view] is not None]
-                points = [(row["level"], row[view]) for row in found]
+                points = [(row["level"], row[view]) for row in found if row[view] < EQUAL_DB]
+                if not points:  # a method that shows the input itself has no curve there
+                    continue
                 marker = "o" if view == "second_psnr" else "."
                 axis.plot(*zip(*points), style, marker=marker, ms=4, color=colour, label=f"{method}, {words}")
         axis.set(xlabel=DISTURBANCES[kind].axis)
@@ -85,8 +87,9 @@ def _draw(rows: Sequence[dict[str, Any]], path: Path) -> None:
     if "jpeg" in kinds:
         axes[0][kinds.index("jpeg")].invert_xaxis()
     axes[0][0].set_ylabel("PSNR [dB]")
-    handles, labels = axes[0][0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="lower center", ncols=3, fontsize=7, frameon=False)
+    drawn = [axis.get_legend_handles_labels() for axis in axes[0]]
+    handles = {label: handle for some, words in drawn for handle, label in zip(some, words, strict=True)}
+    figure.legend(handles.values(), handles.keys(), loc="lower center", ncols=3, fontsize=7, frameon=False)
     figure.tight_layout(rect=(0, 0.13, 1, 1))
     with atomic_path(path) as temporary:
         figure.savefig(temporary, dpi=80)

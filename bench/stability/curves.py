@@ -22,11 +22,11 @@ from bench.store import read_json, write_json
 from bench.trajectories import evenly_spaced
 from orca.errors import BadInput
 
-__all__ = ["SCENE", "CurveJob", "CurveRows", "check_scene", "run_curves", "seed_spread"]
+__all__ = ["EQUAL_DB", "SCENE", "CurveJob", "CurveRows", "check_scene", "run_curves", "seed_spread"]
 
 SCENE = "photos/motorcycle"
 FRAMES = 7  # of the path; it decides canvas and repairs, and is not what is measured
-_EQUAL_DB = 99.0  # stands for equal images
+EQUAL_DB = 99.0  # stands for equal images
 _LARGE = 400  # pixels a side: pictures that are larger are reduced, see `Disturbance.share`
 VIEWS = ("input_psnr", "second_psnr")
 
@@ -74,7 +74,7 @@ class CurveJob:
             return Done(failed(error, "method"), time.perf_counter() - started)
         seconds = time.perf_counter() - started
         pairs = zip(output.true_views or (), told.true_views)
-        psnr = [min(_EQUAL_DB, psnr_of_mse(mean_squared_error(render, view.image))) for render, view in pairs]
+        psnr = [min(EQUAL_DB, psnr_of_mse(mean_squared_error(render, view.image))) for render, view in pairs]
         views = (psnr[0], statistics.fmean(psnr[1:])) if psnr[1:] else ()
         return Done(Verdict(EXACT, "", dict(zip(VIEWS, views))), seconds)
 
