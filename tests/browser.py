@@ -1,4 +1,4 @@
-"""A headless browser for tests of pages; they are skipped where there is none."""
+"""A headless browser for tests of pages; where there is none they are skipped, or fail (see `tests.programs`)."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import Any
 
-import pytest
+from tests.programs import missing
 
 __all__ = ["Watched", "open_page"]
 
@@ -40,10 +40,13 @@ class Watched:
 @contextmanager
 def open_page(width: int = 1100, height: int = 800, webgl: bool = False, **options: Any) -> Iterator[Watched]:
     """A fresh page of Debian's chromium (or another of its names on the path)."""
-    sync_api = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
     found = next((path for name in _NAMES if (path := shutil.which(name))), None)
     if found is None:
-        pytest.skip("no chromium on the path")
+        missing("no chromium on the path")
+    try:
+        from playwright import sync_api
+    except ImportError:
+        missing("playwright is not installed")
     with sync_api.sync_playwright() as play:
         flags = [*_QUIET, *(_SOFTWARE_GL if webgl else ("--disable-gpu",))]
         browser = play.chromium.launch(executable_path=found, args=flags)

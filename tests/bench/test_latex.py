@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import shutil
 import subprocess
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Iterator
@@ -16,13 +15,16 @@ from hypothesis import strategies as st
 from bench.latex import escape, latex_document, latex_table
 from bench.published import published_tables
 from bench.tableformat import Head, Row, Table, TableCell
+from tests.programs import need_programs
 
 PAPER = Path(__file__).parent / "fixtures" / "paper_tables.tex"
 Cell = tuple[str, bool]  # text, bold
 
-needs_tex = pytest.mark.skipif(
-    not (shutil.which("pdflatex") and shutil.which("pdftohtml")), reason="no pdflatex or no pdftohtml here"
-)
+
+@pytest.fixture
+def tex() -> None:
+    """The test compiles LaTeX and reads the PDF."""
+    need_programs("pdflatex", "pdftohtml")
 
 
 def tabulars(source: str) -> list[list[list[Cell]]]:
@@ -58,7 +60,10 @@ def compiled(source: str, folder: Path) -> Path:
 
 
 def printed_rows(pdf: Path) -> Iterator[list[list[Cell]]]:
-    """Lines of text of every page, from left to right, with the font's weight; arrows left out."""
+    """Lines of text of every page, from left to right, with the font's weight; arrows left out.
+
+    A name that stands between its two rows (multirow, where that package is installed) opens the first of them.
+    """
     done = subprocess.run(["pdftohtml", "-xml", "-i", "-stdout", str(pdf)], capture_output=True, text=True, check=True)
     bold = {f.get("id"): "CMBX" in f.get("family", "") for f in ElementTree.fromstring(done.stdout).iter("fontspec")}
     for page in ElementTree.fromstring(done.stdout).iter("page"):
@@ -68,7 +73,19 @@ def printed_rows(pdf: Path) -> Iterator[list[list[Cell]]]:
             if shown != "↑":
                 line = lines.setdefault(int(text.get("top", 0)), [])
                 line.append((int(text.get("left", 0)), (shown, bold[text.get("font")])))
-        yield [[found for _, found in sorted(lines[top])] for top in sorted(lines)]
+        rows = [[found for _, found in sorted(lines[top])] for top in sorted(lines)]
+        yield [beside + row for beside, row in with_names_between(rows)]
+
+
+def with_names_between(rows: list[list[Cell]]) -> Iterator[tuple[list[Cell], list[Cell]]]:
+    """Each row with the lone name that follows it, where the row after that is of as many cells as this one."""
+    taken = False
+    for i, row in enumerate(rows):
+        following = rows[i + 1 : i + 3]
+        alone = len(row) > 2 and [len(r) for r in following] == [1, len(row)]
+        if not taken:
+            yield (following[0] if alone else []), row
+        taken = alone
 
 
 def test_the_papers_source_has_the_cells_that_it_should() -> None:
@@ -82,9 +99,13 @@ def test_every_number_and_every_bold_is_the_papers_in_our_latex() -> None:
     assert ours == tabulars(PAPER.read_text())
 
 
-@needs_tex
-def test_every_number_and_every_bold_is_the_papers_in_the_pdf(tmp_path: Path) -> None:
-    pages = list(printed_rows(compiled(latex_document(published_tables()), tmp_path)))
+@pytest.mark.usefixtures("tex")
+@pytest.mark.parametrize("package", ["multirow.sty", "none-such.sty"])  # with it or without, the document compiles
+def test_every_number_and_every_bold_is_the_papers_in_the_pdf(tmp_path: Path, package: str) -> None:
+    source = latex_document(published_tables())
+    assert r"\IfFileExists{multirow.sty}" in source
+    source = source.replace("{multirow.sty}", f"{{{package}}}")
+    pages = list(printed_rows(compiled(source, tmp_path)))
     paper = tabulars(PAPER.read_text())
     assert len(pages) == 3
     for page, rows in zip(pages, paper, strict=True):
@@ -104,7 +125,7 @@ def test_bold_and_groups_are_written_as_in_a_paper() -> None:
 NASTY = 'a_b & 50% #1 $x$ {y} \\z ~ ^ < > | " -- --- [k] *s* ± × ≤ ≥ − · ° – — … żółw Ærø ß 中 \u202e 🐻'
 
 
-@needs_tex
+@pytest.mark.usefixtures("tex")
 def test_any_text_compiles(tmp_path: Path) -> None:
     letters = " ".join(chr(i) for i in range(0xA0, 0x250))
     rows = tuple(Row((name, "m"), (TableCell(NASTY, 1.0, bold=True),), True) for name in ("[1] x", "*", letters[:60]))
@@ -112,7 +133,7 @@ def test_any_text_compiles(tmp_path: Path) -> None:
     compiled(latex_document([table]), tmp_path)
 
 
-@needs_tex
+@pytest.mark.usefixtures("tex")
 def test_a_table_larger_than_the_page_is_shrunk_onto_it(tmp_path: Path) -> None:
     heads = tuple(Head(str(i), f"A long heading {i}") for i in range(30))
     wide = tuple(Row((f"method {j}",), tuple(TableCell("1.0000") for _ in heads)) for j in range(90))
