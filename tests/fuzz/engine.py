@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import logging
+import os
 import sys
 import traceback
 import warnings
@@ -17,7 +18,8 @@ import atheris
 
 from tests.fuzz.mutate import mutated_json
 
-with atheris.instrument_imports(include=["orca", "bench", "tests.fuzz.targets", "zipfile", "tarfile", "pickletools"]):
+_OURS = ("orca", "bench", "tests.fuzz.targets", "tests.fuzz.targets_metrics")
+with atheris.instrument_imports(include=[*_OURS, "zipfile", "tarfile", "pickletools"]):
     from tests.fuzz.targets import TARGETS, refused_or_read
 
 
@@ -26,11 +28,14 @@ def main() -> None:
     target, findings = TARGETS[sys.argv[1]], Path(sys.argv[2])
     logging.disable(logging.CRITICAL)
     warnings.simplefilter("ignore")
-    with atheris.instrument_imports(include=["orca", "bench", "PIL"]):  # readers import what they need when called
-        try:
-            refused_or_read(target, b"")
-        except Exception as error:  # noqa: BLE001 - found below as well
-            _keep(findings, b"", error)
+    sound = [path.read_bytes() for place in sys.argv[3:] for path in sorted(Path(place).glob("seed-*"))]
+    with atheris.instrument_imports(include=[*_OURS, "PIL", *target.instrument]):  # readers import when called
+        for content in (b"", *sound):
+            try:
+                refused_or_read(target, content)
+            except Exception as error:  # noqa: BLE001 - whatever it is, it is a finding
+                _keep(findings, content, error)
+    print(f"ready: {sum(os.times()[:4]):.2f}", file=sys.stderr, flush=True)  # what was computed so far is start-up
 
     def one(content: bytes) -> None:
         try:

@@ -9,17 +9,19 @@ from typing import Any
 
 from tests.fuzz.targets import TARGETS
 
-__all__ = ["write_report"]
+__all__ = ["LOG", "read_log", "write_report"]
 
-_NONE = (".txt", "timeout", "slow-unit")  # a traceback; a machine that was paused, see below
-_DOCS = Path(__file__).resolve().parents[2] / "docs"
+_ROOT = Path(__file__).resolve().parents[2]
+LOG = _ROOT / "reports" / "fuzz" / "runs.jsonl"
+"""One line for each piece of fuzzing."""
 _HEAD = """# Fuzzing
 
-`python -m tests.fuzz TARGET --seconds N` (Atheris; coverage of the Python code, not of compiled decoders).
+`pip install -e '.[fuzz]'`, then `python -m tests.fuzz TARGET --seconds N` (Atheris; coverage of the Python code, not of
+compiled decoders), or `sh tests/fuzz/background.sh` for ten minutes of computing of each.
 A finding is an input on which a parser raised anything but its own error, crashed, hung for ten minutes, or took two
 gigabytes. Findings that were fixed are kept in `tests/fuzz/corpus` and read again by every test run.
 
-| target | what reads it | minutes by the clock | of computing | executions | places found |
+| target | what reads it | minutes of computing | by the clock | executions | places found |
 |---|---|---:|---:|---:|---:|
 """
 
@@ -57,30 +59,31 @@ Let them run longer on an idle machine.
 """
 
 
-def write_report(runs: Path) -> Path:
-    """Write docs/fuzzing.md; return its path."""
-    lines = [json.loads(line) for line in runs.read_text().splitlines()]
+def read_log(log: Path) -> list[dict[str, Any]]:
+    """The pieces of fuzzing so far; none where there is no log."""
+    return [json.loads(line) for line in log.read_text().splitlines()] if log.exists() else []
+
+
+def write_report(log: Path = LOG, docs: Path = _ROOT / "docs") -> Path:
+    """Write docs/fuzzing.md from the log; return its path."""
+    runs = read_log(log)
     rows = []
     for name, target in TARGETS.items():
-        mine = [line for line in lines if line["target"] == name]
-        found = {_place(finding) for line in mine for finding in line["findings"]} - {None}
+        mine = [run for run in runs if run["target"] == name]
+        found = {_place(finding) for run in mine for finding in run["findings"]}
         rows.append(f"| {name} | {target.reads} | {_sums(mine)} | {len(found)} |")
-    path = _DOCS / "fuzzing.md"
+    path = docs / "fuzzing.md"
     path.parent.mkdir(exist_ok=True)
-    path.write_text(_HEAD + "\n".join([*rows, f"| all | | {_sums(lines)} | |"]) + "\n" + _FOUND, encoding="utf-8")
+    path.write_text(_HEAD + "\n".join([*rows, f"| all | | {_sums(runs)} | |"]) + "\n" + _FOUND, encoding="utf-8")
     return path
 
 
 def _sums(runs: list[dict[str, Any]]) -> str:
-    """Minutes by the clock and of computing, executions. Not every run wrote down how long it computed."""
-    clock = sum(run["seconds"] for run in runs) / 60
-    timed = [run["cpu_seconds"] for run in runs if "cpu_seconds" in run]
-    computing = f"{'' if len(timed) == len(runs) else 'over '}{sum(timed) / 60:.1f}" if timed else "not known"
-    return f"{clock:.1f} | {computing if runs else '0.0'} | {sum(run['executions'] for run in runs):,}"
+    """Minutes of computing and by the clock, executions."""
+    computing, clock = (sum(run[key] for run in runs) / 60 for key in ("cpu_seconds", "seconds"))
+    return f"{computing:.1f} | {clock:.1f} | {sum(run['executions'] for run in runs):,}"
 
 
-def _place(finding: str) -> str | None:
-    """What a file of findings stands for: inputs that take too much memory are one place; None for what is none."""
-    if any(word in finding for word in _NONE):
-        return None
+def _place(finding: str) -> str:
+    """What a file of findings stands for: inputs that take too much memory are one place."""
     return re.sub(r"^(crash-oom)-.*", r"\1", finding)

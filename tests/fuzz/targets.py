@@ -2,83 +2,33 @@
 
 from __future__ import annotations
 
-import atexit
 import json
-import os
 import re
 import shutil
 import struct
-import tempfile
 import zipfile
-from collections.abc import Callable
-from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 
 import numpy as np
 
 from orca.camera import Camera
-from orca.errors import OrcaError
+from tests.fuzz.target import Target, each, folder, input_file, refused_or_read
 
 __all__ = ["TARGETS", "Target", "folder", "refused_or_read"]
-
-
-@dataclass(frozen=True)
-class Target:
-    """A parser.
-
-    Attributes:
-        read: gives it the bytes; raises what the parser raises.
-        reads: the functions behind it, for the table.
-        max_bytes: of one input.
-        native: most of it is compiled code that is not instrumented.
-        json: inputs are JSON, and are changed as such.
-        marked: their first byte is not part of it.
-    """
-
-    read: Callable[[bytes], None]
-    reads: str
-    max_bytes: int = 4096
-    native: bool = False
-    json: bool = False
-    marked: bool = False
-
-
-def refused_or_read(target: Target, content: bytes) -> str | None:
-    """ "read", or the kind of the error it was refused with. Whatever else is raised is a finding."""
-    try:
-        target.read(content)
-    except OrcaError as error:
-        return error.kind
-    return "read"
-
-
-@cache
-def folder() -> Path:
-    """A folder in memory, where there is one: thousands of files a second are written into it. Removed at the end."""
-    memory = Path("/dev/shm")
-    place = tempfile.mkdtemp(prefix=f"orca-fuzz-{os.getpid()}-", dir=memory if os.access(memory, os.W_OK) else None)
-    atexit.register(shutil.rmtree, place, ignore_errors=True)
-    return Path(place)
-
-
-def _file(name: str, content: bytes) -> Path:
-    path = folder() / name
-    path.write_bytes(content)
-    return path
 
 
 def _image(content: bytes) -> None:
     from orca.images import load_image
 
-    load_image(_file("image.png", content))
+    load_image(input_file("image.png", content))
 
 
 def _video(content: bytes) -> None:
     from bench.adapters.video_facts import video_facts
     from orca.video import read_video
 
-    path = _file("video.mp4", content)
+    path = input_file("video.mp4", content)
     read_video(path)
     video_facts(path)
 
@@ -91,14 +41,14 @@ def _scene(content: bytes) -> None:
         header = content[1:]
         ends = [int(end) for end in re.findall(rb"\[\s*\d+\s*,\s*(\d{1,6})\s*\]", header)]
         content = b"\0" + struct.pack("<Q", len(header)) + header + bytes(max(ends, default=0))
-    Scene.load(_file("scene.safetensors", content[1:]))
+    Scene.load(input_file("scene.safetensors", content[1:]))
 
 
 def _ply(content: bytes) -> None:
     from bench.adapters.gaussian_ply import read_gaussian_ply
     from orca.export import read_splats
 
-    path = _file("splats.ply", content)
+    path = input_file("splats.ply", content)
     read_gaussian_ply(path)
     read_splats(path)
 
@@ -114,7 +64,7 @@ def _pickle(content: bytes) -> None:
             for key in range(12):
                 archive.writestr(f"archive/data/{key}", bytes(256))
     else:
-        path = _file("scene.pth", content[1:])
+        path = input_file("scene.pth", content[1:])
     read_vistadream_scene(path)
 
 
@@ -122,7 +72,7 @@ def _trajectory(content: bytes) -> None:
     from bench.trajectories import load_trajectory
     from orca.camera_file import read_cameras
 
-    path = _file("cameras.json", content)
+    path = input_file("cameras.json", content)
     load_trajectory(path)
     read_cameras(path)
 
@@ -131,21 +81,14 @@ def _record(content: bytes) -> None:
     from bench.record import CellRecord
     from bench.store import RunStore, read_json
 
-    path = _file("run.json", content)
-    refused = None
-    for read in (lambda: RunStore(folder()).load_run(), lambda: CellRecord.from_json(read_json(path), str(path))):
-        try:
-            read()
-        except OrcaError as error:
-            refused = error
-    if refused is not None:
-        raise refused
+    path = input_file("run.json", content)
+    each(lambda: RunStore(folder()).load_run(), lambda: CellRecord.from_json(read_json(path), str(path)))
 
 
 def _nerfstudio(content: bytes) -> None:
     from bench.cameras_io import read_camera_file
 
-    read_camera_file(_file("transforms.json", content))
+    read_camera_file(input_file("transforms.json", content))
 
 
 def _colmap(content: bytes) -> None:
@@ -166,7 +109,7 @@ def _depth(content: bytes) -> None:
     from orca.priors.depth import parse_depth_spec
 
     suffix = "npy" if content[:1] and content[0] % 2 else "png"
-    path = _file(f"image.depth.{suffix}", content[1:])
+    path = input_file(f"image.depth.{suffix}", content[1:])
     image = np.zeros((16, 16, 3), np.float32)
     try:
         parse_depth_spec(f"file:{path}?fill=1&resize=1").estimate(image, Camera.from_fov(16, 16, 60.0))
@@ -181,7 +124,7 @@ def _archive(content: bytes) -> None:
     shutil.rmtree(place, ignore_errors=True)
     place.mkdir()
     before = set(folder().iterdir())
-    path = _file("archive.bin", content)
+    path = input_file("archive.bin", content)
     try:
         unpack(path, place, 1 << 20)
     finally:
@@ -204,7 +147,7 @@ def _spec(content: bytes) -> None:
 def _onnx(content: bytes) -> None:
     from orca.priors.onnx import OnnxDepth
 
-    network = OnnxDepth(_file("network.onnx", content), 8, 8)
+    network = OnnxDepth(input_file("network.onnx", content), 8, 8)
     network.estimate(np.full((16, 16, 3), 0.5, np.float32), Camera.from_fov(16, 16, 60.0))
 
 
@@ -214,7 +157,7 @@ def _frames(content: bytes) -> None:
     from bench.record import CellRecord, StoredFrame
 
     record = CellRecord("d", "s", "m", "1", None, frames=(StoredFrame(0, "0" * 64),))
-    load_frames(_file("frames.npz", content), record)
+    load_frames(input_file("frames.npz", content), record)
 
 
 def _tables(content: bytes) -> None:
@@ -224,7 +167,7 @@ def _tables(content: bytes) -> None:
     from bench.report.stability import read_stability
     from bench.scorecache import ScoreCache
 
-    Answers(_file("llava.jsonl", content))
+    Answers(input_file("llava.jsonl", content))
     place = folder() / "realmdreamer"
     place.mkdir(exist_ok=True)
     (place / "scenes.json").write_bytes(content)
@@ -233,14 +176,8 @@ def _tables(content: bytes) -> None:
     kept.mkdir(parents=True, exist_ok=True)
     (kept / f"{key}.json").write_bytes(content)
     ScoreCache(folder() / "scores").get(key, {})
-    refused = None
-    for read in (lambda: RealmDreamer(folder()).scenes(), lambda: read_stability(_file("stability.json", content))):
-        try:
-            read()
-        except OrcaError as error:
-            refused = error
-    if refused is not None:
-        raise refused
+    rows = input_file("stability.json", content)
+    each(lambda: RealmDreamer(folder()).scenes(), lambda: read_stability(rows))
 
 
 # What of a run's folder is fuzzed; llava.jsonl and curves.json are made up, since the fakes leave none.
@@ -275,19 +212,14 @@ def _run(content: bytes) -> None:
     root, out = folder() / "run", folder() / "merged"
     shutil.rmtree(out, ignore_errors=True)
     path.write_bytes(content[1:])
-    refused = None
-    for read in (
-        lambda: verify_run(root),
-        lambda: CurveRows(root).rows(),
-        lambda: merge_runs(out, (folder() / "other", root)),
-    ):
-        try:
-            read()
-        except OrcaError as error:
-            refused = error
-    path.write_bytes(sound)
-    if refused is not None:
-        raise refused
+    try:
+        each(
+            lambda: verify_run(root),
+            lambda: CurveRows(root).rows(),
+            lambda: merge_runs(out, (folder() / "other", root)),
+        )
+    finally:
+        path.write_bytes(sound)
 
 
 def json_bytes(document: object) -> bytes:
