@@ -76,7 +76,9 @@ def reconstruct(arguments: argparse.Namespace) -> Answer:
     write_ledger_picture(scene, cameras, result.ledger, folder / "ledger.png")
     _write_json(folder / "config.json", {**config.to_json(), "run": {**facts, "growth": result.record["growth"]}})
     _write_json(folder / "timings.json", {"schema_version": 1, "seconds": seconds, "record": result.record})
-    return _reconstruct_answer(scene, result.record, seconds, folder, depth, holes)
+    document, text = _reconstruct_answer(scene, result.record, seconds, folder, depth, holes)
+    ends, lines = _ends(result.record, result.ledger, config, camera)
+    return {**document, **ends}, "\n".join([text, *lines])
 
 
 def render(arguments: argparse.Namespace) -> Answer:
@@ -213,7 +215,6 @@ def _reconstruct_answer(
     stages = ", ".join(f"{count} {stage}" for stage, count in record["anchors"].items())
     lines = [
         f"anchors     {scene.num_anchors} ({stages})",
-        f"stopped at  {record['growth']['stopped']}",
         f"input PSNR  {psnr['final']:.2f} dB",
         "seconds     " + ", ".join(f"{stage} {value:.1f}" for stage, value in seconds.items()),
         f"depth       {depth.source}" + ("" if depth.is_metric else ", not metric"),
@@ -225,6 +226,32 @@ def _reconstruct_answer(
         *(f"wrote       {folder / name}" for name in files),
     ]
     return document, "\n".join(lines)
+
+
+def _ends(
+    record: dict[str, Any], ledger: dict[str, Any], config: ReconstructConfig, camera: Camera
+) -> tuple[dict[str, object], list[str]]:
+    """Why each stage made no more than it did, and how much of the canvas that is allowed was used."""
+    trained = {
+        phase: f"{run['stopped']} after {run['iterations']} iterations"
+        for phase, run in record.get("history", {}).items()
+    }
+    solved = {"all": "solved in closed form, no gradient steps"}
+    stopped = {"growth": record["growth"]["stopped"], "training": trained or solved, "repair": ledger["stopped"]}
+    limit = config.canvas.max_scale
+    most = [(limit - 1) / 2 * size for size in (camera.width, camera.height) * 2]  # each side has its own limit
+    sides = ("left", "top", "right", "bottom")
+    full = [side for side, margin, room in zip(sides, record["margins"], most, strict=True) if margin >= room > 0]
+    width, height = record["canvas_scale"]
+    lines = [
+        f"growth      stopped at: {stopped['growth']}",
+        "training    " + ", ".join(f"{phase}: {why}" for phase, why in stopped["training"].items()),
+        f"repair      stopped at: {stopped['repair']}",
+        f"canvas      {width:.2f} x {height:.2f} of the image's size, at most {limit:g}"
+        + (f"; the path looks farther on the {' and '.join(full)}" if full else ""),
+    ]
+    canvas = {"scale": [width, height], "limit": limit, "margins": record["margins"], "sides_at_limit": full}
+    return {"stopped": stopped, "canvas": canvas}, lines
 
 
 def _write_json(path: Path, document: dict[str, Any]) -> None:

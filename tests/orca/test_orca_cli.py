@@ -74,7 +74,10 @@ def calls(monkeypatch: pytest.MonkeyPatch) -> list[dict[str, Any]]:
         record: dict[str, Any] = {"seconds": {"planar": 0.5}, "input_psnr": {"final": 30.0}, "anchors": {"original": 1}}
         record["growth"] = {"stopped": "the preset's count", "curve": []}
         record["priors"] = {"outpainter": "mirror", "inpainter": "classical", "depth": "none"}
-        return Reconstruction(small_scene(camera), {"schema_version": 1, "repairs": []}, record)
+        record |= {"margins": [24, 0, 3, 0], "canvas_scale": [59 / 32, 1.0]}
+        record["history"] = {"planar fit": {"stopped": "early_stopping", "iterations": 60, "evaluations": []}}
+        ledger = {"schema_version": 1, "repairs": [], "stopped": "nothing is left"}
+        return Reconstruction(small_scene(camera), ledger, record)
 
     monkeypatch.setattr(pipeline, "reconstruct", fake)
     return seen
@@ -103,6 +106,13 @@ def test_reconstruct_writes_every_file(
     assert document["anchors"] == 1
     assert set(document["files"]) == FILES
     assert {"depth", "planar", "preview"} <= set(document["seconds"])
+    assert document["stopped"] == {
+        "growth": "the preset's count",
+        "training": {"planar fit": "early_stopping after 60 iterations"},
+        "repair": "nothing is left",
+    }
+    expected = {"scale": [59 / 32, 1.0], "limit": 2.5, "margins": [24, 0, 3, 0], "sides_at_limit": ["left"]}
+    assert document["canvas"] == expected
     assert read_video(out / "preview.mp4").shape == (5, SIZE, SIZE, 3)
     assert load_image(out / "preview.png").shape[1] == 3 * SIZE
     settings = json.loads((out / "config.json").read_text())
