@@ -97,7 +97,16 @@ def licence_of(package: str) -> str:
     if words and len(words) <= 60 and "\n" not in words:
         return words
     named = ", ".join(word for word in trove if word != "OSI Approved")
-    return named or (words.splitlines()[0][:60] if words else "not stated")
+    return named or (words.splitlines()[0][:60] if words else _licence_file(package))
+
+
+def _licence_file(package: str) -> str:
+    """The first lines of the licence that lies in the package, of one whose metadata say nothing."""
+    for file in metadata.files(package) or ():
+        if file.name.startswith("LICENSE") and ".dist-info" in str(file):
+            lines = [line.strip() for line in file.read_text(encoding="utf-8").splitlines() if line.strip()]
+            return ", ".join(lines[:2])[:60]
+    return "not stated"
 
 
 def rows() -> list[str]:
