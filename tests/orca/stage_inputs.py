@@ -8,10 +8,12 @@ from orca.camera import Camera
 from orca.stages.canvas import Canvas
 
 
-def view(width: int = 64, height: int = 64, hfov: float = 60.0, x: float = 0.0, z: float = 0.0) -> Camera:
-    """A camera that looks along +z from (x, 0, z)."""
+def view(
+    width: int = 64, height: int = 64, hfov: float = 60.0, x: float = 0.0, z: float = 0.0, y: float = 0.0
+) -> Camera:
+    """A camera that looks along +z from (x, y, z)."""
     pose = np.eye(4)
-    pose[:3, 3] = [-x, 0, -z]
+    pose[:3, 3] = [-x, -y, -z]
     return Camera.from_fov(width, height, hfov, pose)
 
 

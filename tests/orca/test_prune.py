@@ -74,3 +74,33 @@ def test_pruned_scenes_show_what_whole_ones_show() -> None:
         np.testing.assert_allclose(
             pruned.scene.renderer().render(camera).rgb, whole.scene.renderer().render(camera).rgb, atol=1e-6
         )
+
+
+def test_a_path_around_a_corner_prunes_the_corner() -> None:
+    """Views look past the right side and past the top, none past both: what sits in that corner of the canvas goes.
+
+    The views that the path has stay the same; a view into the corner does not.
+    """
+    image, depth = repair_scenes.picture()
+    views = (repair_scenes.input_camera(), view(64, 64, 60, x=0.3), view(64, 64, 60, y=-0.3))
+    pruned, whole = (
+        reconstruct(
+            image,
+            repair_scenes.input_camera(),
+            repair_scenes.estimate(depth),
+            views,
+            replace(repair_scenes.small_config(), prune=prune),
+        )
+        for prune in (True, False)
+    )
+    left, top, right, bottom = pruned.record["margins"]
+    assert (left, bottom) == (0, 0)
+    assert pruned.record["pruned"] > 0
+    assert pruned.record["pruned"] == whole.scene.num_anchors - pruned.scene.num_anchors
+    assert [r["area"] for r in pruned.ledger["repairs"]] == [r["area"] for r in whole.ledger["repairs"]]
+    before, after = whole.scene.renderer(), pruned.scene.renderer()
+    for camera in views:
+        np.testing.assert_allclose(after.render(camera).rgb, before.render(camera).rgb, atol=1e-6)
+        np.testing.assert_allclose(after.render(camera).alpha, before.render(camera).alpha, atol=1e-6)
+    corner = view(64, 64, 60, x=0.3, y=-0.3)
+    assert after.render(corner).alpha.mean() < before.render(corner).alpha.mean() - 0.005
