@@ -93,8 +93,7 @@ def test_a_path_around_a_corner_prunes_the_corner() -> None:
         )
         for prune in (True, False)
     )
-    left, top, right, bottom = pruned.record["margins"]
-    assert (left, bottom) == (0, 0)
+    assert pruned.record["margins"][0] == pruned.record["margins"][3] == 0 < min(pruned.record["margins"][1:3])
     assert pruned.record["pruned"] > 0
     assert pruned.record["pruned"] == whole.scene.num_anchors - pruned.scene.num_anchors
     assert [r["area"] for r in pruned.ledger["repairs"]] == [r["area"] for r in whole.ledger["repairs"]]
