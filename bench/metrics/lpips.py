@@ -22,10 +22,11 @@ from bench.metrics.fidelity import RESIZE_RULE
 from bench.metrics.metric import MetricInput, MetricSpec, Score
 from bench.metrics.reference import NOTHING_HIDDEN, matched_renders, mean_over_views, no_true_view
 from bench.metrics.weights import WeightsFile
+from bench.metrics.weights_state import read_state
 from orca.conventions import Float32Array, UInt8Array
 from orca.errors import BadInput
 
-__all__ = ["LPIPS_ALEX", "LPIPS_VGG", "MIN_SIDE", "Lpips", "LpipsVgg", "LpipsWeights"]
+__all__ = ["LPIPS_ALEX", "LPIPS_VGG", "MIN_SIDE", "Lpips", "LpipsVgg", "LpipsWeights", "head_state", "trunk_state"]
 
 # The smallest image whose last layer still has a pixel is 31 a side for AlexNet.
 MIN_SIDE = 32
@@ -173,8 +174,8 @@ def _build(net: Literal["alex", "vgg"], trunk: Path, heads: Path, device: str) -
 
     with _empty_trunks():
         network = LPIPS(net=net, pretrained=False, version="0.1")
-    network.net.load_state_dict(_trunk_state(network, trunk), assign=True)
-    network.load_state_dict(_head_state(network, heads), strict=False)
+    network.net.load_state_dict(trunk_state(network, trunk), assign=True)
+    network.load_state_dict(head_state(network, heads), strict=False)
     return network.eval().requires_grad_(False).to(torch.device(device))
 
 
@@ -199,15 +200,24 @@ def _empty_trunks() -> Iterator[None]:
         lpips_arch.models = models
 
 
-def _trunk_state(network: Any, path: Path) -> dict[str, Any]:
-    """Weights by pyiqa's names ("slice2.3.weight") from torchvision's ("features.3.weight")."""
-    found = _read(path, "torchvision's ImageNet weights of the trunk")
+def trunk_state(network: Any, path: Path) -> dict[str, Any]:
+    """Weights by pyiqa's names ("slice2.3.weight") from torchvision's ("features.3.weight").
+
+    Args:
+        network: whose ``net`` says which names and shapes are wanted.
+        path: torchvision's file.
+
+    Raises:
+        BadInput: the file cannot be read, or lacks a tensor of the right shape.
+    """
+    found = read_state(path, "torchvision's ImageNet weights of the trunk")
     wanted = {key: f"features.{key.partition('.')[2]}" for key in network.net.state_dict()}
     return _picked(found, wanted, network.net.state_dict(), path)
 
 
-def _head_state(network: Any, path: Path) -> dict[str, Any]:
-    found = _read(path, "pyiqa's LPIPS 0.1 weights")
+def head_state(network: Any, path: Path) -> dict[str, Any]:
+    """The linear layers ("lin0.model.1.weight") of pyiqa's file; arguments and errors as `trunk_state`."""
+    found = read_state(path, "pyiqa's LPIPS 0.1 weights")
     own = network.state_dict()
     names = [key for key in own if key.startswith("lin") and not key.startswith("lins")]
     # pyiqa lists every layer a second time as lins.N: the same tensors, so loading one set fills both.
@@ -224,17 +234,3 @@ def _picked(found: dict[str, Any], wanted: dict[str, str], own: dict[str, Any], 
                 "get the file again",
             )
     return {key: found[name] for key, name in wanted.items()}
-
-
-def _read(path: Path, what: str) -> dict[str, Any]:
-    import pickle
-
-    import torch
-
-    try:
-        state = torch.load(path, map_location="cpu", weights_only=True)
-        return dict(state.get("params", state))
-    except (pickle.UnpicklingError, RuntimeError, AttributeError, EOFError, OSError, ValueError) as error:
-        raise BadInput(
-            f"{path} cannot be read ({type(error).__name__}: {str(error)[:200]})", what, "get the file again"
-        ) from error

@@ -9,13 +9,14 @@ from typing import TYPE_CHECKING, Any
 from bench.metrics.metric import MetricInput, MetricSpec, Score
 from bench.metrics.per_frame import Each, FrameScore, check_frames, mean_over_frames
 from bench.metrics.weights import WeightsFile
+from bench.metrics.weights_state import read_state
 from orca.conventions import UInt8Array
 from orca.errors import BadInput
 
 if TYPE_CHECKING:
     from torch import Tensor
 
-__all__ = ["MUSIQ_KONIQ", "Musiq", "as_image", "load_musiq"]
+__all__ = ["MUSIQ_KONIQ", "Musiq", "as_image", "load_musiq", "read_musiq_state"]
 
 MUSIQ_KONIQ = WeightsFile(
     "musiq",
@@ -23,6 +24,7 @@ MUSIQ_KONIQ = WeightsFile(
     "https://huggingface.co/chaofengc/IQA-PyTorch-Weights/resolve/main/musiq_koniq_ckpt-e95806b9.pth",
     "e95806b9eae5f3814c410f574ba8e552362bd5bc63d758ed5b97860f5d6185aa",
 )
+_WHAT = "pyiqa's state dict of MUSIQ, trained on KonIQ-10k"
 SHORT_SCALE = 224  # the smaller of the two sizes to which MUSIQ brings the longer side
 NO_VALUE = f"a frame at least {2 * SHORT_SCALE} times as long as it is wide, or the model gave no finite score"
 
@@ -63,22 +65,24 @@ def load_musiq(path: Path) -> Any:
     Raises:
         BadInput: the file holds no state dict of MUSIQ for KonIQ-10k.
     """
-    import pickle
-
     import pyiqa
     import torch
 
     metric = pyiqa.create_metric("musiq", pretrained=False, device=torch.device("cpu"))
     try:
-        state = torch.load(path, map_location="cpu", weights_only=True)
-        metric.net.load_state_dict(state.get("params", state))
-    except (pickle.UnpicklingError, RuntimeError, AttributeError, EOFError, OSError) as error:
+        metric.net.load_state_dict(read_musiq_state(path))
+    except RuntimeError as error:  # names or shapes of another network
         raise BadInput(
-            f"the MUSIQ weights {path} cannot be read ({type(error).__name__}: {str(error)[:200]})",
-            "pyiqa's state dict of MUSIQ, trained on KonIQ-10k",
+            f"the MUSIQ weights {path} do not fit ({str(error)[:200]})",
+            _WHAT,
             f"get it again from {MUSIQ_KONIQ.source}",
         ) from error
     return metric
+
+
+def read_musiq_state(path: Path) -> dict[str, Any]:
+    """The tensors of MUSIQ's file, by name. Raises `BadInput` for any other kind of file."""
+    return read_state(path, _WHAT, MUSIQ_KONIQ.source)
 
 
 def _on_device(metric: Any, device: str) -> FrameScore:

@@ -14,6 +14,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from bench.metrics.matlab_file import read_matrices
 from orca.conventions import Float64Array, UInt8Array
 from orca.errors import BadInput
 
@@ -21,6 +22,7 @@ __all__ = ["BLOCK", "NiqePrior", "niqe"]
 
 BLOCK = 96
 FEATURES = 36  # 18 a scale
+_MEAN, _COVARIANCE = "mu_prisparam", "cov_prisparam"
 LUMA = np.array([0.299, 0.587, 0.114], np.float32)
 # Neighbours whose products with a pixel are modelled: (rows, columns), cyclic inside a block.
 SHIFTS = ((0, 1), (1, 0), (1, 1), (1, -1))
@@ -41,15 +43,10 @@ class NiqePrior:
     @staticmethod
     def read(path: Path) -> NiqePrior:
         """Read a MATLAB file with ``mu_prisparam`` and ``cov_prisparam``; raises `BadInput` for anything else."""
-        from scipy.io import loadmat
-        from scipy.io.matlab import MatReadError
-
-        try:
-            content = loadmat(path, variable_names=["mu_prisparam", "cov_prisparam"])
-            mean = np.asarray(content["mu_prisparam"], np.float64).ravel()
-            covariance = np.asarray(content["cov_prisparam"], np.float64)
-        except (KeyError, ValueError, TypeError, OSError, NotImplementedError, MatReadError) as error:
-            raise _broken(path, str(error)) from error
+        found = read_matrices(path, (_MEAN, _COVARIANCE))
+        if len(found) != 2:
+            raise _broken(path, f"only {', '.join(found) or 'neither'} of the two in it")
+        mean, covariance = found[_MEAN].ravel(), found[_COVARIANCE]
         if mean.shape != (FEATURES,) or covariance.shape != (FEATURES, FEATURES):
             raise _broken(path, f"mean {mean.shape}, covariance {covariance.shape}")
         return NiqePrior(mean, covariance)

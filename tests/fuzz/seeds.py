@@ -18,6 +18,7 @@ from PIL import Image
 
 from bench.digest import unsealed
 from tests.fuzz.targets import json_bytes, sound_run
+from tests.fuzz.targets_metrics import HEADS, TRUNK
 
 __all__ = ["dictionary", "seeds"]
 
@@ -31,6 +32,26 @@ _DICTIONARIES = {
     "tables": ("rows", "case", "method", "outcome", "scores", "key", "answer", "asked_of", "frame_sha256", "text"),
     "run": ("schema_version", "identity", "digest", "timing", "host", "scores", "frames", "disturbance", "answer"),
     "pickle": ("cnumpy\ndtype\n", "ctorch._utils\n_rebuild_tensor_v2\n", "cos\nsystem\n", "R", "b", "\x93"),
+    "weights": (
+        "ctorch._utils\n_rebuild_tensor_v2\n",
+        "ctorch\nFloatStorage\n",
+        "ccollections\nOrderedDict\n",
+        "R",
+        "Q",
+    ),
+    "chat": ("HTTP/1.1 200 OK\r\n", "Transfer-Encoding: chunked\r\n", "Content-Length: ", "Retry-After: ", "choices"),
+    "options": (
+        "orca@",
+        "orca-paper@",
+        "anchors=",
+        "repair=off",
+        "+",
+        "canvas=",
+        "price=",
+        "psnr=",
+        "preset=",
+        "1e309",
+    ),
     "scene": ("orca_scene", "__metadata__", "dtype", "shape", "data_offsets", "F32", "F64", "BOOL"),
 }
 
@@ -208,6 +229,53 @@ def _other_json(folder: Path) -> Iterator[bytes]:
     yield json.dumps("x").encode()
 
 
+def _replies(folder: Path) -> Iterator[bytes]:
+    answer = json_bytes({"choices": [{"message": {"role": "assistant", "content": "Yes"}}]})
+    kind = b"Content-Type: application/json\r\n"
+    yield b"HTTP/1.1 200 OK\r\n" + kind + b"Content-Length: %d\r\n\r\n" % len(answer) + answer
+    yield b"HTTP/1.1 200 OK\r\nTransfer-Encoding: chunked\r\n\r\n%x\r\n" % len(answer) + answer + b"\r\n0\r\n\r\n"
+    yield b"HTTP/1.0 200 OK\r\n\r\n" + answer
+    yield b"HTTP/1.1 429 Too Many Requests\r\nRetry-After: 3\r\n\r\nslow down"
+    yield b'HTTP/1.1 404 Not Found\r\n\r\n{"error": "no such model"}'
+
+
+def _priors(folder: Path) -> Iterator[bytes]:
+    from scipy.io import savemat
+
+    content = {"mu_prisparam": np.zeros((1, 36)), "cov_prisparam": np.eye(36)}
+    for compressed in (True, False):
+        savemat(folder / "p.mat", content, do_compression=compressed)
+        yield (folder / "p.mat").read_bytes()
+    savemat(folder / "p.mat", {"mu_prisparam": "text", "cov_prisparam": {"a": [1, 2]}})
+    yield (folder / "p.mat").read_bytes()
+
+
+def _weights(folder: Path) -> Iterator[bytes]:
+    """In torch's format, as whole files and as pickles; and in its older format, which is no archive."""
+    import torch
+
+    for shapes, below in ((TRUNK, False), (HEADS, True)):
+        state = {name: torch.zeros(shape) for name, shape in shapes.items()}
+        torch.save({"params": state} if below else state, folder / "w.pth")
+        yield b"\1" + (folder / "w.pth").read_bytes()
+        with zipfile.ZipFile(folder / "w.pth") as archive:
+            inner = next(name for name in archive.namelist() if name.endswith("data.pkl"))
+            yield b"\0" + archive.read(inner)
+    torch.save({"a": torch.ones(3)}, folder / "w.pth", _use_new_zipfile_serialization=False)
+    yield b"\1" + (folder / "w.pth").read_bytes()
+
+
+def _options(folder: Path) -> Iterator[bytes]:
+    for text in (
+        "orca@anchors=16384+repair=off",
+        "orca-paper@preset=draft+decode=per_hit+price=0.5+views=3+canvas=1.5",
+        "0.02,psnr=0.1",
+        "slurm_partition=gpu",
+        "2/8",
+    ):
+        yield text.encode()
+
+
 _MAKERS = {
     "image": _images,
     "video": _videos,
@@ -225,4 +293,8 @@ _MAKERS = {
     "frames": _stored,
     "run": _run_files,
     "tables": _other_json,
+    "chat": _replies,
+    "niqe": _priors,
+    "weights": _weights,
+    "options": _options,
 }

@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from orca.camera import Camera
+from tests.fuzz import targets_metrics
 from tests.fuzz.target import Target, each, folder, input_file, refused_or_read
 
 __all__ = ["TARGETS", "Target", "folder", "refused_or_read"]
@@ -244,4 +245,13 @@ TARGETS: dict[str, Target] = {
     "frames": Target(_frames, "`load_frames` (npz of PNG)", 8192, native=True),
     "run": Target(_run, "`merge_runs`, `verify_run`, `CurveRows`: a folder of a run", 16384, json=True, marked=True),
     "tables": Target(_tables, "scenes.json, stability rows, kept scores and answers", 2048, json=True),
+    "chat": Target(targets_metrics.chat, "`ChatClient.ask`: a server's reply, headers included", 2048),
+    "niqe": Target(targets_metrics.niqe, "`NiqePrior.read`, `read_matrices` (MATLAB 5 file)", 16384),
+    "weights": Target(
+        targets_metrics.weights,
+        "`trunk_state`, `head_state`, `read_musiq_state` (torch file)",
+        8192,
+        instrument=("torch.serialization", "torch._weights_only_unpickler"),
+    ),
+    "options": Target(targets_metrics.options, "points, `parse_thresholds`, `parse_options`, `parse_shard`", 256),
 }
