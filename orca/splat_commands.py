@@ -84,5 +84,5 @@ def _path(arguments: argparse.Namespace, scene: Scene) -> tuple[Camera, ...]:
 
 
 def _agreement(scene: Scene, splats: Splats, path: Sequence[Camera], fitted: Sequence[int]) -> dict[str, float]:
-    first, *others = agreement(scene, splats, (scene.camera, *(path[i] for i in held_out(path, fitted))))
+    first, *others = agreement(scene, splats, (scene.camera, *(path[i] for i in held_out(path, fitted, scene.camera))))
     return {"input": first, **({"held_out": float(np.mean(others))} if others else {})}

@@ -6,11 +6,14 @@ import json
 from dataclasses import replace
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
+import skimage.data
 
 from orca.cli import main
-from orca.config import get_preset
+from orca.config import ReconstructConfig, get_preset
+from orca.conventions import to_float
 from orca.errors import BadInput
 from orca.export import read_splats, write_splats
 from orca.paths import make_path, path_cameras
@@ -23,7 +26,13 @@ from orca.splats.gradient import footprints
 from tests.orca.stage_inputs import picture, view
 
 SIZE = 48
-PATH = path_cameras(make_path("swing", 9), view(SIZE, SIZE))
+VIEW = view(SIZE, SIZE)
+PATH = path_cameras(make_path("swing", 26), VIEW)
+
+
+def without_repair() -> ReconstructConfig:
+    config = get_preset("draft")
+    return replace(config, repair=replace(config.repair, enabled=False))
 
 
 @pytest.fixture(scope="module")
@@ -31,10 +40,8 @@ def scene() -> Scene:
     """A picture on two surfaces, a near square in front of a plane."""
     depth = np.full((SIZE, SIZE), 1.5, np.float32)
     depth[16:34, 14:30] = 0.9
-    config = get_preset("draft")
-    config = replace(config, repair=replace(config.repair, enabled=False))
-    camera = view(SIZE, SIZE)
-    return reconstruct(picture(SIZE, SIZE), camera, DepthEstimate(depth, "made up", True), PATH[:2], config).scene
+    given = DepthEstimate(depth, "made up", True)
+    return reconstruct(picture(SIZE, SIZE), VIEW, given, PATH[:2], without_repair()).scene
 
 
 @pytest.fixture(scope="module")
@@ -45,15 +52,32 @@ def scene_file(scene: Scene, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_fitting_brings_the_splats_close(scene: Scene) -> None:
-    """At the input view, at twice its size, and on views that were not fitted."""
+    """At the input view and at twice its size."""
     config = BakeConfig(steps=60)
-    double = scene.camera.resized(2 * SIZE, 2 * SIZE)
-    cameras = (scene.camera, double, *(PATH[i] for i in held_out(PATH, fitted_frames(len(PATH), config), 2)))
+    cameras = (scene.camera, scene.camera.resized(2 * SIZE, 2 * SIZE))
     before = agreement(scene, anchor_splats(scene), cameras)
     after = agreement(scene, bake(scene, PATH, config), cameras)
     assert after[0] > before[0] + 6
     assert after[1] > before[1] + 4
-    assert min(after[2:]) > max(before[2:]) + 3
+
+
+def test_a_photograph_agrees_to_35_decibels_at_the_input_view() -> None:
+    """With the steps that a user gets, and depth edges: the bound that the issue asks for; views that were not fitted
+    gain as well (they do on photographs, not on pictures of pixel noise).
+    """
+    image = cv2.resize(skimage.data.rocket()[:400, 120:520], (96, 96), interpolation=cv2.INTER_AREA)
+    depth = np.full((96, 96), 1.5, np.float32)
+    depth[32:66, 28:60] = 0.9
+    camera = view(96, 96)
+    path = path_cameras(make_path("swing", 26), camera)
+    given = DepthEstimate(depth, "made up", True)
+    rocket = reconstruct(to_float(image), camera, given, path[:2], without_repair()).scene
+    fitted = bake(rocket, path, BakeConfig())
+    tested = [path[i] for i in held_out(path, fitted_frames(len(path), BakeConfig()), camera)]
+    before, after = (agreement(rocket, splats, [camera, *tested]) for splats in (anchor_splats(rocket), fitted))
+    assert after[0] >= 35
+    assert len(tested) == 4
+    assert min(np.subtract(after, before)) > 2
 
 
 def test_only_looks_change(scene: Scene) -> None:
@@ -96,14 +120,25 @@ def test_no_steps_and_no_path(scene: Scene) -> None:
 
 
 def test_held_out_frames_are_not_the_fitted_ones() -> None:
-    path = PATH * 3
-    fitted = fitted_frames(len(path), BakeConfig())
+    fitted = fitted_frames(len(PATH), BakeConfig())
     assert len(fitted) == 6
-    tested = held_out(path, fitted)
+    tested = held_out(PATH, fitted, VIEW)
     assert len(tested) == 4
     assert not set(tested) & set(fitted)
     assert fitted_frames(0, BakeConfig()) == []
-    assert held_out(path, range(len(path))) == []
+    assert held_out(PATH, range(len(PATH)), VIEW) == []
+
+
+def test_a_frame_at_the_place_of_a_fitted_one_is_no_test() -> None:
+    """The path three times over: what the first lap fits, no other lap may test; the input view neither."""
+    path = PATH * 3
+    fitted = fitted_frames(len(PATH), BakeConfig())
+    known = [VIEW, *(path[i] for i in fitted)]
+    tested = held_out(path, fitted, VIEW, 40)
+    assert len(tested) == 40
+    for i in tested:
+        assert min(np.abs(path[i].world_to_camera - other.world_to_camera).max() for other in known) > 1e-3
+    assert held_out((VIEW,) * 5, [2], VIEW) == []
 
 
 def test_the_file_holds_what_was_baked(scene: Scene, tmp_path: Path) -> None:
