@@ -117,8 +117,8 @@ class ChatClient:
     def _complain(self, status: int, reply: bytes, retry_after: str | None) -> None:
         said = f"HTTP {status}: {' '.join(reply[:300].decode('utf-8', 'replace').split())}"
         if status in WORTH_REPEATING:
-            wait = float(retry_after) if retry_after and retry_after.strip().isdecimal() else 0.0
-            raise _TryAgain(said, wait)
+            seconds = (retry_after or "").strip()  # or a date, which is not heeded
+            raise _TryAgain(said, float(seconds) if seconds.isascii() and seconds.isdecimal() else 0.0)
         raise self._refused(said)
 
     def _refused(self, why: str) -> Refused:
