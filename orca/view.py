@@ -9,6 +9,7 @@ import sys
 import threading
 from collections.abc import Sequence
 from contextlib import redirect_stdout
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -149,7 +150,9 @@ def write_html(splats: Splats, camera: Camera, file: Path) -> int:
     """
     server = _server("127.0.0.1", _free_port())
     try:
-        _add_scene(server, splats, camera, (), _unit(splats, camera))
+        # In one piece: what cannot be sorted is drawn piece by piece, repairs over what they are hidden by.
+        whole = replace(splats, stage=np.zeros_like(splats.stage))
+        _add_scene(server, whole, camera, (), _unit(splats, camera))
         page = server.scene.as_html(dark_mode=True)
     finally:
         _stop(server)

@@ -10,23 +10,30 @@ import subprocess
 import sys
 import time
 import urllib.request
-from collections.abc import Callable
-from dataclasses import replace
+from collections.abc import Callable, Sequence
+from dataclasses import fields, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 from PIL import Image
 
+from orca.anchors import Stage
 from orca.camera import Camera
 from orca.cli import main
 from orca.conventions import Float32Array, to_float
 from orca.errors import BadInput
+from orca.export import read_splats, write_splats
 from orca.paths import make_path, path_cameras
+from orca.pipeline import reconstruct
+from orca.splats.bake import BakeConfig, bake
 from orca.splats.model import Splats
 from orca.splats.view import render_splats
 from orca.view import SceneViewer, camera_pose, write_html
 from tests.browser import Watched, open_page
+from tests.orca import repair_scenes
 from tests.orca.test_orca_cli import small_scene
 
 pytest.importorskip("viser", reason="viser is not installed")
@@ -86,6 +93,63 @@ def assert_clean(watched: Watched, origin: str) -> None:
     assert [r for r in watched.requests if not r.startswith(origin)] == []
 
 
+def assert_switches_work(watched: Watched) -> None:
+    """Each switch, pressed by a visitor, takes its own wall away and brings it back."""
+    for k, (share, label) in enumerate(((0.25, "original (352)"), (0.5, "outpainted (352)"), (0.75, "repaired (352)"))):
+        others = [(s, c) for c, s in enumerate((0.25, 0.5, 0.75)) if c != k]
+        switch = watched.page.get_by_label(label, exact=True)
+        assert switch.is_checked()
+        switch.click()
+        picture = wait_until(watched, lambda p, s=share, c=k: not shows(middle(p, s), c))
+        assert not shows(middle(picture, share), k), label
+        assert all(shows(middle(picture, s), c) for s, c in others), label
+        switch.click()
+        picture = wait_until(watched, lambda p, s=share, c=k: shows(middle(p, s), c))
+        assert shows(middle(picture, share), k), label
+
+
+def assert_path_and_input_view_work(
+    watched: Watched, viewer: SceneViewer, splats: Splats, path: Sequence[Camera]
+) -> None:
+    """The play button moves the picture along the path, the slider to a frame, the button back to the input view."""
+    page = watched.page
+
+    def shows_view(camera: Camera) -> bool:
+        return far_below(splats, camera, wait_until(watched, lambda p: far_below(splats, camera, p) < 0.01)) < 0.01
+
+    def press(name: str) -> None:
+        page.get_by_label(name, exact=True).click()
+
+    assert shows_view(CAMERA)
+    press("Play")
+    assert reached(page, lambda: far_below(splats, CAMERA, screenshot(watched)) > 0.02)
+    press("Play")
+    assert reached(page, lambda: not viewer.playing.value)
+    frame = 1 if viewer.frame.value != 1 else 3  # the slider stands where playing stopped
+    box = page.locator("input[inputmode=decimal]")
+    box.fill(str(frame))
+    box.press("Enter")
+    assert shows_view(path[frame])
+    assert not far_below(splats, CAMERA, screenshot(watched)) < 0.02
+    page.get_by_role("button", name="Input view").click()
+    assert shows_view(CAMERA)
+
+
+def far_below(splats: Splats, camera: Camera, picture: Float32Array) -> float:
+    """Mean difference from our own renderer in the lower half, where no panel is."""
+    expected = render_splats(splats, camera, background=float(picture[-1, 0].mean()))
+    return float(np.abs(expected - picture)[HEIGHT // 2 :].mean())
+
+
+def reached(page: Any, done: Callable[[], bool]) -> bool:
+    """Whether it comes true within a minute."""
+    for _ in range(300):
+        if done():
+            return True
+        page.wait_for_timeout(200)
+    return False
+
+
 def test_camera_pose_of_a_turned_camera() -> None:
     pose = np.array([[0.0, 0, -1, 0.5], [0, 1, 0, 0], [1, 0, 0, -2], [0, 0, 0, 1]])
     wxyz, position, fov = camera_pose(replace(CAMERA, world_to_camera=pose))
@@ -97,7 +161,7 @@ def test_camera_pose_of_a_turned_camera() -> None:
 
 
 @pytest.mark.slow
-def test_a_visitor_sees_the_scene_and_the_switches_work() -> None:
+def test_a_visitor_sees_the_scene_and_the_controls_work() -> None:
     splats = three_walls()
     path = path_cameras(make_path("dolly", 5), CAMERA)
     with SceneViewer(splats, CAMERA, path, port=free_port()) as viewer:
@@ -114,19 +178,54 @@ def test_a_visitor_sees_the_scene_and_the_switches_work() -> None:
             ]
             assert difference[1] < 0.01
             assert difference[1] == min(difference)  # not a pixel off
-            viewer.handles["original (352)"].visible = False
-            picture = wait_until(watched, lambda p: not shows(middle(p, 0.25), 0))
-            assert not shows(middle(picture, 0.25), 0)
-            assert shows(middle(picture, 0.5), 1)
-            before = screenshot(watched)
-            viewer.frame.value = 1
-            moved = wait_until(watched, lambda p: float(np.abs(p - before).mean()) > 0.01)
-            assert float(np.abs(moved - before).mean()) > 0.01
-            (client,) = viewer.server.get_clients().values()
-            assert np.asarray(client.camera.position) == pytest.approx(
-                100 * path[1].center, abs=1e-2
-            )  # the walls are at 1
+            assert_switches_work(watched)
+            assert_path_and_input_view_work(watched, viewer, splats, path)
             assert_clean(watched, viewer.url)
+
+
+@pytest.mark.slow
+def test_a_real_scene_and_its_repairs_from_the_side() -> None:
+    """What the whole method made, baked: a visitor sees what our own renderer shows, with and without the repairs."""
+    image, depth = repair_scenes.picture()
+    camera, path = repair_scenes.input_camera(), repair_scenes.sideways(0.12)
+    scene = reconstruct(image, camera, repair_scenes.estimate(depth), path, repair_scenes.small_config()).scene
+    splats = bake(scene, path, BakeConfig(steps=20))
+    repaired = int((splats.stage == int(Stage.REPAIRED)).sum())
+    assert repaired > 20
+    side = path[2].resized(HEIGHT, HEIGHT)
+    kept = splats.stage != int(Stage.REPAIRED)
+    with (
+        SceneViewer(splats, camera, path, port=free_port()) as viewer,
+        open_page(HEIGHT + 400, HEIGHT, webgl=True) as watched,
+    ):
+        watched.page.goto(viewer.url)
+        assert reached(watched.page, lambda: len(viewer.server.get_clients()) == 1)
+        box = watched.page.locator("input[inputmode=decimal]")
+        box.fill("2")
+        box.press("Enter")
+        whole, without = splats, subset(splats, kept)
+        for shown, hidden in ((whole, without), (without, whole)):
+            picture = wait_until(watched, lambda p, s=shown, h=hidden: shows_rather(s, h, side, p))
+            assert shows_rather(shown, hidden, side, picture)
+            watched.page.get_by_label(f"repaired ({repaired:,})", exact=True).click()
+        assert_clean(watched, viewer.url)
+
+
+def subset(splats: Splats, kept: NDArray[np.bool_]) -> Splats:
+    return Splats(*(getattr(splats, f.name)[kept] for f in fields(splats)))
+
+
+def shows_rather(shown: Splats, hidden: Splats, camera: Camera, page: Float32Array) -> bool:
+    """Whether the page is near to what should be seen, and much nearer than to what should not."""
+    return far_from(shown, camera, page) < min(0.025, 0.7 * far_from(hidden, camera, page))
+
+
+def far_from(splats: Splats, camera: Camera, page: Float32Array) -> float:
+    """Mean difference from our own renderer, whose view is the middle of the page; left of the panel."""
+    left = (page.shape[1] - camera.width) // 2
+    background = float(np.median(page[-4:, :4]))
+    expected = render_splats(splats, camera, background=background)
+    return float(np.abs(expected - page[:, left : left + camera.width])[:, : 3 * camera.width // 4].mean())
 
 
 @pytest.mark.slow
@@ -137,6 +236,28 @@ def test_one_file_shows_the_scene_without_a_server(tmp_path: Path) -> None:
         watched.page.goto(page.as_uri())
         picture = wait_until(watched, lambda p: shows(middle(p, 0.5), 1))
         assert [shows(middle(picture, share), k) for k, share in enumerate((0.25, 0.5, 0.75))] == [True] * 3
+        assert_clean(watched, page.as_uri())
+
+
+@pytest.mark.slow
+def test_the_flag_html_writes_a_page_that_shows_the_exported_splats(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    image, depth = repair_scenes.picture()
+    camera, path = repair_scenes.input_camera(), repair_scenes.sideways(0.12)
+    scene = reconstruct(image, camera, repair_scenes.estimate(depth), path, repair_scenes.small_config()).scene
+    scene.save(tmp_path / "s.safetensors")
+    ply, page = tmp_path / "s.ply", tmp_path / "s.html"
+    options = ["--html", str(page), "--steps", "5", "--trajectory", "swing", "--json"]
+    assert main(["export", str(tmp_path / "s.safetensors"), str(ply), *options]) == 0
+    answer = json.loads(capsys.readouterr().out)
+    assert (answer["html"], answer["html_bytes"]) == (str(page), page.stat().st_size)
+    splats = read_splats(ply, scene.anchors.stage.numpy())
+    large, blank = camera.resized(HEIGHT, HEIGHT), subset(splats, splats.opacities < 0)
+    with open_page(HEIGHT + 400, HEIGHT, webgl=True) as watched:
+        watched.page.goto(page.as_uri())
+        picture = wait_until(watched, lambda p: shows_rather(splats, blank, large, p))
+        assert shows_rather(splats, blank, large, picture)
         assert_clean(watched, page.as_uri())
 
 
@@ -188,8 +309,6 @@ def test_the_verb_serves_until_interrupted(tmp_path: Path) -> None:
 
 
 def test_the_verb_refuses_another_scenes_splats(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    from orca.export import write_splats
-
     small_scene(Camera.from_fov(32, 32, 60.0)).save(tmp_path / "s.safetensors")
     write_splats(three_walls(), tmp_path / "other.ply")
     assert main(["view", str(tmp_path / "s.safetensors"), "--ply", str(tmp_path / "other.ply")]) == 2
