@@ -205,6 +205,28 @@ def test_the_warp_on_some_cases(case: str, outcome: str, words: str) -> None:
     assert "/tmp" not in verdict.detail
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("case", "outcome", "words"),
+    [
+        ("black", EXACT, ""),
+        ("smallest", DEGRADED, "input view"),
+        ("one-camera", EXACT, ""),
+        ("far-outlier", EXACT, ""),
+        ("looks-away", DEGRADED, "holes, and says so"),
+        ("outpainter-nan", DEGRADED, "the image is mirrored beyond the frame instead"),
+        ("nan-patch", TYPED, "are NaN, infinite"),
+        ("stretched-pose", TYPED, "a pose whose rotation R"),
+    ],
+)
+def test_orca_itself_on_some_cases(case: str, outcome: str, words: str) -> None:
+    """Never a crash, never a wrong output without a word; and the very outcome that the catalogue tells of."""
+    verdict = CaseJob(case, "orca").run().verdict
+    assert verdict.outcome not in (CRASH, SILENT_WRONG, OUT_OF_MEMORY), verdict.detail
+    assert (verdict.outcome, words in verdict.detail) == (outcome, True), verdict.detail
+    assert outcome in find_case(case).expected
+
+
 def test_telea_does_not_claim_to_fill_from_nothing() -> None:
     scene = find_case("zero-depth").scene(Path())  # type: ignore[misc]
     filled = WARP_TELEA.run(scene, RunOptions())
