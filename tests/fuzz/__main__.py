@@ -96,7 +96,7 @@ def _piece(name: str, cpu_seconds: float, out: Path, pause: Path | None) -> dict
 def _command(name: str, corpus: Path, findings: Path, words: Path) -> list[str]:
     command = [sys.executable, "-m", "tests.fuzz.engine", name, str(findings.absolute())]
     command += [f"-max_len={TARGETS[name].max_bytes}", "-timeout=600", "-max_total_time=36000", "-rss_limit_mb=2048"]
-    command += ["-print_final_stats=1", f"-artifact_prefix={findings.absolute()}/crash-"]
+    command += ["-print_final_stats=1", "-report_slow_units=120", f"-artifact_prefix={findings.absolute()}/crash-"]
     command += [f"-dict={words}"] if words.stat().st_size else []
     kept = _HERE / "corpus" / name
     return [*command, str(corpus), *([str(kept)] if kept.is_dir() else [])]
