@@ -14,7 +14,7 @@ from bench.datasets import Dataset, SceneCase, open_dataset
 from bench.frames import load_frames
 from bench.measured import COSTS, Column, Measured
 from bench.record import CellRecord, jsonable
-from bench.report.ledger import read_ledger
+from bench.report.ledger import draw_ledger, read_ledger
 from bench.report.media import FPS, Media, depth_picture, encode_video, webp
 from bench.store import RunStore
 from orca.conventions import UInt8Array
@@ -117,8 +117,7 @@ def _scene(run: Measured, scene: str, sources: Sources, case: SceneCase | None, 
         entry["notes"][method] = list(record.notes)
         entry["indices"] = [frame.index for frame in record.frames]
         _add_video(entry, method, record, sources, media)
-        if ledger := read_ledger(sources.store.root, record):
-            entry["ledgers"][method] = ledger
+        _add_ledger(entry, method, record, sources, case, media)
     plain: dict[str, Any] = jsonable(entry)
     return plain
 
@@ -131,6 +130,23 @@ def _add_video(entry: dict[str, Any], method: str, record: CellRecord, sources: 
     first: UInt8Array = output.frames[0]
     entry["frame_size"] = [first.shape[1], first.shape[0]]
     entry["videos"][method] = media.add("video/mp4", encode_video(output.frames, *sources.rung))
+
+
+def _add_ledger(
+    entry: dict[str, Any], method: str, record: CellRecord, sources: Sources, case: SceneCase | None, media: Media
+) -> None:
+    root = sources.store.root
+    ledger = read_ledger(root, record)
+    if not ledger:
+        return
+    entry["ledgers"][method] = ledger
+    try:
+        picture = None if case is None else draw_ledger(root, record, case)
+    except OrcaError as error:
+        sources.missing.append(f"ledger picture of {method} on {record.scene}: {error.given}")
+        return
+    if picture is not None:
+        ledger["picture"] = media.add("image/webp", webp(picture, max(picture.shape)))
 
 
 def problems(run: Measured) -> list[dict[str, str]]:

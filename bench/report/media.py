@@ -51,12 +51,12 @@ def fitted(image: UInt8Array, side: int) -> UInt8Array:
     return np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), np.uint8)
 
 
-def webp(image: UInt8Array) -> bytes:
-    """A WebP still of at most 512 pixels a side."""
+def webp(image: UInt8Array, side: int = _STILL_SIDE) -> bytes:
+    """A WebP still of at most so many pixels a side."""
     from PIL import Image
 
     out = io.BytesIO()
-    Image.fromarray(fitted(image, _STILL_SIDE)).save(out, "WEBP", quality=_QUALITY, method=4)
+    Image.fromarray(fitted(image, side)).save(out, "WEBP", quality=_QUALITY, method=4)
     return out.getvalue()
 
 

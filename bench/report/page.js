@@ -338,7 +338,9 @@
     }
     const count = record.repairs ? record.repairs.length : record.count;
     const facts = [finite(count) ? `${count} repair${count === 1 ? "" : "s"}` : null, record.stopped ? `stopped: ${record.stopped}` : null, record.repairs ? null : "this run kept no ledger of single repairs"].filter(Boolean);
-    return make("figure", { class: "ledger chart" }, svg, make("figcaption", {}, `${method}: ${facts.join("; ")}`));
+    const parts = [svg];
+    if (record.picture !== undefined) parts.push(make("img", { class: "ledger-picture", src: mediaUrl(record.picture), alt: `${method}, repaired views: what was missing, which rule decided, the view afterwards` }));
+    return make("figure", { class: "ledger chart" }, ...parts, make("figcaption", {}, `${method}: ${facts.join("; ")}`));
   }
 
   function still(scene, key, caption) {

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,9 +13,13 @@ from bench.frames import frame_hashes, save_frames
 from bench.metrics import MetricSpec, Score
 from bench.record import CellRecord, Failure, ScoreRecord
 from bench.store import RunStore
+from orca.camera import Camera
 from orca.conventions import UInt8Array
 from orca.errors import Unavailable
 from orca.images import save_image
+from orca.repair.ledger import Ledger, RepairRecord, run_lengths
+from orca.repair.rules import RepairRules
+from tests.orca.test_orca_cli import small_scene
 
 SCRIPT = "<script>pwned=1"
 IMAGE = '"><img src=x onerror=pwned=1>'
@@ -91,12 +96,17 @@ def _write_cell(store: RunStore, method: str, m: int, scene: str, k: int) -> Non
     save_frames(store.frames_path(method, scene), MethodOutput(frames=frames))
     if method == "orca" and scene == "plain":
         folder = store.fresh_work_dir(method, scene)
-        (folder / "ledger.json").write_text(json.dumps({"schema_version": 1, "repairs": [_repair(0), _repair(1)]}))
+        ledger = Ledger(RepairRules(), RepairRules(), (WIDTH, HEIGHT), (_repair(0), _repair(1)), "nothing is left", 2)
+        (folder / "ledger.json").write_text(json.dumps(ledger.to_json()))
+        small_scene(Camera.from_fov(WIDTH, HEIGHT, 60)).save(folder / "scene.safetensors")
 
 
-def _repair(i: int) -> dict[str, object]:
-    fields = {"iteration": i, "view": 3 * i, "area": 900 - 500 * i, "decision": ("local", "generative")[i]}
-    return fields | {"reason": "large", "anchors_added": 40, "coverage_before": 0.1, "coverage_after": 0.95}
+def _repair(i: int) -> RepairRecord:
+    side = (30, 20)[i]
+    box, full = (5, 5, 5 + side, 5 + side), run_lengths(np.ones((side, side), bool))
+    decision = ("local", "generative")[i]
+    record = RepairRecord(i, 3 * i, side * side, 1.0, box, decision, "", "large", 9, "made up", 40, 0.1, 0.95, 1.0)
+    return replace(record, rule=("generative_min_area", "all_hold")[i], mask=full)
 
 
 def _run(images: Path) -> dict[str, object]:

@@ -107,7 +107,7 @@ def test_videos_hold_the_frames(page: str, tmp_path: Path) -> None:
     media = re.findall(r'<script type="text/plain" id="media-(\d+)" data-mime="([^"]+)">([^<]+)</script>', page)
     assert [int(index) for index, _, _ in media] == list(range(len(media)))
     assert [mime for _, mime, _ in media].count("video/mp4") == len(SCENES) * len(METHODS) - 1
-    assert [mime for _, mime, _ in media].count("image/webp") == 2 * len(SCENES)
+    assert [mime for _, mime, _ in media].count("image/webp") == 2 * len(SCENES) + 1  # input, depth; a ledger
     entry = data_of(page)["scenes"][0]
     (tmp_path / "v.mp4").write_bytes(base64.b64decode(media[entry["videos"]["orca"]][2]))
     frames = read_video(tmp_path / "v.mp4").astype(int)
@@ -181,3 +181,13 @@ def test_stills_fit() -> None:
     assert fitted(np.zeros((1000, 500, 3), np.uint8), 512).shape == (512, 256, 3)
     assert fitted(np.zeros((10, 20, 3), np.uint8), 512).shape == (10, 20, 3)
     assert webp(np.zeros((10, 20, 3), np.uint8))[8:12] == b"WEBP"
+
+
+def test_a_ledger_that_cannot_be_drawn_is_said_and_a_page_made(tmp_path: Path) -> None:
+    run = write_run(tmp_path)
+    scene = run / "work" / "orca" / "plain" / "scene.safetensors"
+    scene.write_bytes(b"no scene")
+    report = write_report(run, tmp_path / "page.html")
+    assert [line.partition(":")[0] for line in report.missing] == ["ledger picture of orca on plain"]
+    scene.unlink()
+    assert write_report(run, tmp_path / "page.html").missing == ()  # runs need not keep their scenes

@@ -9,7 +9,8 @@ from typing import Any
 import pytest
 
 from bench.report import write_report
-from tests.bench.report_run import METHODS, SCENES, SCRIPT, write_run, write_stability
+from orca.ledger_picture import RULE_COLOURS
+from tests.bench.report_run import HEIGHT, METHODS, SCENES, SCRIPT, WIDTH, write_run, write_stability
 from tests.browser import Watched, open_page
 
 pytestmark = pytest.mark.slow
@@ -190,6 +191,109 @@ def test_stability_cells_say_what_happened(watched: Watched) -> None:
     page = watched.page
     page.locator("#stability td button").nth(1).click()
     assert page.locator("#stability-text").inner_text() == "all sky, warp: crash. IndexError (0.1 s)"
+
+
+def pictures(page: Any, selector: str) -> list[list[int]]:
+    """Width and height of the decoded pictures, once all have loaded."""
+    until(page, f"[...document.querySelectorAll('{selector}')].every(i => i.complete)")
+    found: list[list[int]] = page.eval_on_selector_all(
+        selector, "all => all.map(i => [i.naturalWidth, i.naturalHeight])"
+    )
+    return found
+
+
+def test_input_and_depth_are_pictures_of_every_scene(watched: Watched) -> None:
+    page = watched.page
+    for button in range(len(SCENES)):
+        page.locator("#scene-list button").nth(button).click()
+        assert pictures(page, ".stills img") == [[WIDTH, HEIGHT]] * 2
+    assert pictures(page, "#scene-list img") == [[WIDTH, HEIGHT]] * 3
+    assert page.locator(".stills figcaption").first.inner_text() == f"Input, {WIDTH}×{HEIGHT}"
+    assert "scene radii" in page.locator(".stills figcaption").nth(1).inner_text()
+
+
+def test_the_ledger_shows_what_was_missing_who_decided_and_the_view_afterwards(watched: Watched) -> None:
+    """Bars, and the picture of the run's own ledger; the missing square is where the ledger says."""
+    page = watched.page
+    ((width, height),) = pictures(page, ".ledger img")
+    assert width == 3 * 240 + 2 * 6
+    assert height > 2 * 180
+    assert page.locator(".ledger svg rect").count() > 4
+    read = """() => { const i = document.querySelector('.ledger img'), c = document.createElement('canvas');
+      c.width = i.naturalWidth; c.height = i.naturalHeight; const d = c.getContext('2d'); d.drawImage(i, 0, 0);
+      const at = (x, y) => [...d.getImageData(x, y, 1, 1).data].slice(0, 3);
+      const x = 20 * 240 / 64, y = 22 + 20 * 240 / 64;
+      return [at(x, y), at(x + 246, y), at(x, 22 + 3 * 240 / 64)]; }"""
+    missing, decided, outside = page.evaluate(read)
+    assert missing == pytest.approx((255, 0, 255), abs=40)
+    assert decided == pytest.approx(RULE_COLOURS["generative_min_area"], abs=40)
+    assert outside != pytest.approx((255, 0, 255), abs=40)
+    page.locator("#scene-list button").nth(2).click()
+    assert page.locator(".ledger img").count() == 0  # that scene's run kept no picture
+    assert page.locator(".ledger svg").count() == 1
+
+
+def test_the_footer_says_where_the_numbers_are_from(watched: Watched) -> None:
+    footer = watched.page.locator("#provenance")
+    assert footer.is_visible()
+    text = footer.inner_text()
+    for words in (f"python -m bench run --images {SCRIPT}", "started 2026-01-02", "dataset: folder", "seed: 0"):
+        assert words in text
+    for words in ("cpu: a processor", "numpy 2", "warp: version 1", "NIQE: usual (1)", "asks the network for nothing"):
+        assert words in text
+
+
+def test_the_scores_of_a_scene_sort(watched: Watched) -> None:
+    page = watched.page
+    page.locator("#scene-list button").nth(2).click()
+    table = "#scene table.sortable"
+    head = page.locator(f"{table} thead button").nth(1)
+    head.click()
+    assert column(page, table, 0) == list(METHODS)
+    head.click()
+    assert column(page, table, 0) == list(reversed(METHODS))
+
+
+def test_stability_and_failures_sort_by_every_heading(watched: Watched) -> None:
+    page = watched.page
+    for table in ("#stability table", "#gaps table"):
+        heads = page.locator(f"{table} thead button")
+        assert heads.count() >= 3
+        assert page.locator(f"{table} tbody tr").count() >= 2
+        for index in range(heads.count()):
+            read = f"rows => rows.map(row => row.cells[{index}].dataset.value)"
+            heads.nth(index).click()
+            up = page.eval_on_selector_all(f"{table} tbody tr", read)
+            heads.nth(index).click()
+            down = page.eval_on_selector_all(f"{table} tbody tr", read)
+            assert up == sorted(up, key=lambda text: (not text, text.lower())), table
+            filled = [text.lower() for text in down if text]
+            assert filled == sorted(filled, reverse=True), table
+
+
+def test_a_finger_drags_the_slider_on_a_phone(file: Path) -> None:
+    with open_page(360, 740, has_touch=True, is_mobile=True) as watched:
+        page = watched.page
+        page.goto(file.as_uri())
+        wait_for_videos(page)
+        page.locator(".compare").scroll_into_view_if_needed()
+        box = page.locator(".compare").bounding_box()
+        assert box["width"] <= 360
+        y = box["y"] + box["height"] / 2
+        touch(page, [(box["x"] + share * box["width"], y) for share in (0.5, 0.6, 0.7, 0.8)])
+        assert float(page.locator("#split").input_value()) == pytest.approx(80, abs=1.5)
+        clip = page.evaluate("getComputedStyle(document.querySelectorAll('.compare video')[1]).clipPath")
+        assert float(clip.split("(")[1].split()[1].strip("%")) == pytest.approx(20, abs=1.5)
+        assert watched.errors == []
+
+
+def touch(page: Any, points: list[tuple[float, float]]) -> None:
+    """One finger down at the first point, along the others, and up: through the browser's own input, not the page's."""
+    session = page.context.new_cdp_session(page)
+    for i, (x, y) in enumerate(points):
+        kind = "touchMove" if i else "touchStart"
+        session.send("Input.dispatchTouchEvent", {"type": kind, "touchPoints": [{"x": x, "y": y}]})
+    session.send("Input.dispatchTouchEvent", {"type": "touchEnd", "touchPoints": []})
 
 
 def test_nothing_hangs_over_the_side_of_a_phone(file: Path) -> None:
