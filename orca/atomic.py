@@ -39,6 +39,7 @@ def atomic_path(path: str | os.PathLike[str]) -> Iterator[Path]:
         raise BadInput(f"'{target}' is a folder", "a file name", "add a file name to the path")
     output_folder(target.parent)
     try:
+        fault_point("start", target)
         handle, name = tempfile.mkstemp(
             prefix=f".{target.stem[:100]}{_owner()}", suffix=target.suffix, dir=target.parent
         )

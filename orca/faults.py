@@ -2,7 +2,8 @@
 
 ``ORCA_FAULT="ACTION STEP PATTERN [N]"`` in the environment strikes when STEP is reached for the N-th time (1) with a
 file whose path matches PATTERN (shell style). ACTION is ``kill`` (SIGKILL to this process, as from the outside) or the
-name of an errno, such as ``ENOSPC``, that the step then fails with. Without the variable nothing of this happens.
+name of an errno, such as ``ENOSPC``, ``EROFS`` or ``EACCES``, that the step then fails with. Without the variable
+nothing of this happens.
 """
 
 from __future__ import annotations
@@ -19,9 +20,9 @@ from orca.errors import BadInput
 __all__ = ["STEPS", "VARIABLE", "fault_point"]
 
 VARIABLE = "ORCA_FAULT"
-# made: an unfinished file is there, empty. half: it holds half of its bytes. written: all of them. named: it has taken
-# its name.
-STEPS = ("made", "half", "written", "named")
+# start: nothing of the file is there. made: an unfinished file is, empty. half: it holds half of its bytes. written: all
+# of them. named: it has taken its name.
+STEPS = ("start", "made", "half", "written", "named")
 _reached: Counter[str] = Counter()
 
 

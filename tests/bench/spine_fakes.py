@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import hashlib
+import json
+import os
+import resource
 import time
 from collections import Counter
 from collections.abc import Sequence
@@ -21,6 +24,8 @@ from orca.registry import Registry
 
 CALLS: Counter[str] = Counter()
 SWITCHES: dict[str, str] = {}  # what a test makes a fake do: "version", "orca-like": "crash", ...
+VARIABLE = "BENCH_FAKES"  # the same for processes that are started, as JSON
+SWITCHES.update(json.loads(os.environ.get(VARIABLE, "{}")))
 
 
 def reset() -> None:
@@ -102,6 +107,19 @@ def _misbehave(how: str) -> None:
         hashlib.pbkdf2_hmac("sha256", b"", b"", 2**31 - 1)
     if how == "memory":
         np.empty(2**60, np.uint8)
+    if how == "eat":
+        _eat()
+
+
+def _eat() -> None:
+    """Take memory, and write to it, until the system refuses: from now on this process may have 256 MiB more."""
+    size = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
+    resource.setrlimit(resource.RLIMIT_AS, (size + 2**28, resource.getrlimit(resource.RLIMIT_AS)[1]))
+    held = []
+    while len(held) < 32:  # a limit that does not hold must not take the machine's memory
+        held.append(np.ones(2**22))
+        CALLS["eaten 32 MiB"] += 1
+    raise AssertionError("nothing was refused")
 
 
 class Bright:

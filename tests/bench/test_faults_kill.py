@@ -13,8 +13,8 @@ import pytest
 from orca.faults import STEPS, VARIABLE
 from tests.faults.forks import Forks
 from tests.faults.jobs import METHODS, METRICS
-from tests.faults.scenarios import KINDS
 from tests.faults.snapshot import finished_cells, half_written, snapshot
+from tests.faults.workbench import KINDS
 
 FAMILIES = {"bright": "bright", "covered": "covered"}  # metric -> what counts its calls
 

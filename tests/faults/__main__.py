@@ -7,15 +7,18 @@ import tempfile
 from pathlib import Path
 
 from tests.faults.forks import Forks
-from tests.faults.scenarios import SCENARIOS, Told, Workbench
+from tests.faults.scenarios import SCENARIOS
+from tests.faults.workbench import Told, Workbench
 
 OPEN = "not injected by the script yet"
 DOCS = Path(__file__).resolve().parents[2] / "docs" / "faults.md"
 _HEAD = """# Faults
 
 Made by `python -m tests.faults`, which injects every one of them; the tests do the same (`tests/bench/test_faults.py`,
-`test_faults_kill.py`). Lost: files that differ from an uninterrupted run's apart from timing and host, finished cells
-that were computed again, files that are half written under their name.
+`test_faults_kill.py`) and compare the words. What happened is put together from what was seen: how the process ended,
+what it printed, what the results say, which methods the second run called. Lost: files that differ from an
+uninterrupted run's apart from timing and host, finished cells that were computed again, files that are half written
+under their name.
 
 Write points are named in `orca/faults.py`: `ORCA_FAULT="kill written */scenes/*/*.json 3"` kills the process when it
 has written its third result and not yet given it its name. `bench/timelimit.py` is the limit of `--cell-timeout`.

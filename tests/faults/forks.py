@@ -18,7 +18,10 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any
 
-__all__ = ["Forks", "Outcome"]
+__all__ = ["ONE_THREAD", "Forks", "Outcome"]
+
+ONE_THREAD = {"OMP_NUM_THREADS": "1", "NUMBA_NUM_THREADS": "1"}
+"""Everywhere, workers included: tables name the threads of results that differ in them."""
 
 
 @dataclass(frozen=True)
@@ -35,7 +38,7 @@ class Forks:
 
     def __init__(self, job: str) -> None:
         root = Path(__file__).resolve().parents[2]
-        env = {key: value for key, value in os.environ.items() if key != "ORCA_FAULT"} | {"OMP_NUM_THREADS": "1"}
+        env = {key: value for key, value in os.environ.items() if key != "ORCA_FAULT"} | ONE_THREAD
         command = [sys.executable, "-m", "tests.faults.forks", job]
         self._process = subprocess.Popen(
             command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, cwd=root, env=env, text=True
