@@ -18,7 +18,7 @@ from bench.request import RunRequest
 from bench.runner import run_bench
 from bench.store import RunStore
 from orca.errors import BadInput, CannotWrite, Unavailable
-from tests.bench.run_files import lasting
+from tests.bench.run_files import lasting, timed_out
 from tests.bench.worker_fakes import METHODS, METRICS, calls, request_of
 
 pytestmark = pytest.mark.slow
@@ -91,6 +91,25 @@ def test_a_lost_worker_is_tried_again_then_recorded(cluster: str, tmp_path: Path
     assert record.failure.kind == "lost_worker"
     assert len(told.notes) == 3
     assert calls(tmp_path)["copy s00000"] == 1
+
+
+def test_steps_that_take_too_long_are_failures_and_the_rest_goes_on(cluster: str, tmp_path: Path) -> None:
+    """--cell-timeout: a method and a metric that sleep, and one that never returns from compiled code."""
+    request = replace(request_of(tmp_path, count=3), cell_timeout=4.0)
+    for step, how in {"copy s00000": "sleep", "grey s00001": "sleep", "brighter s00002": "spin"}.items():
+        (tmp_path / step).write_text(how)
+    told = Notes()
+    run_bench(request, told, METHODS, METRICS, RayCluster(cluster, None, NEEDS))
+    assert timed_out(request) == {"copy s00000", "brighter s00001 grey", "copy s00001 grey", "brighter s00002"}
+    assert told.notes == []  # its process ended, but the step that it was lost at had been written down
+    for step in ("copy s00000", "grey s00001", "brighter s00002"):
+        (tmp_path / step).unlink()
+    before = calls(tmp_path)
+    again = run_bench(replace(request, retry_failed=True), None, METHODS, METRICS, RayCluster(cluster, None, NEEDS))
+    assert (again.computed, again.failed) == (4, ())
+    assert set(calls(tmp_path) - before) == {
+        *("copy s00000", "brighter s00002", "grey s00000", "grey s00001", "grey s00002"),
+    }
 
 
 def test_what_no_scene_is_to_blame_for_ends_the_run(cluster: str, tmp_path: Path) -> None:

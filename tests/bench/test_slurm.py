@@ -13,7 +13,7 @@ from bench.progress import SilentReporter
 from bench.runner import run_bench
 from bench.store import RunStore
 from orca.errors import BadInput, CannotWrite, Unavailable
-from tests.bench.run_files import lasting
+from tests.bench.run_files import lasting, timed_out
 from tests.bench.worker_fakes import METHODS, METRICS, calls, request_of
 
 HERE = Slurm(2, Resources(memory_gib=0.1), {"cluster": "local"})
@@ -34,6 +34,22 @@ def test_jobs_go_on_where_one_process_stopped_and_a_lost_one_is_tried_again(tmp_
     record = RunStore(request.out).load("copy", "s00002")
     assert record is not None
     assert record.host["threads"] == 1
+
+
+@pytest.mark.slow
+def test_steps_that_take_too_long_are_failures_and_the_rest_goes_on(tmp_path: Path) -> None:
+    """--cell-timeout: a method and a metric that sleep."""
+    request = replace(request_of(tmp_path, count=2), cell_timeout=4.0)
+    for step in ("copy s00000", "grey s00001"):
+        (tmp_path / step).write_text("sleep")
+    run_bench(request, None, METHODS, METRICS, HERE)
+    assert timed_out(request) == {"copy s00000", "brighter s00001 grey", "copy s00001 grey"}
+    for step in ("copy s00000", "grey s00001"):
+        (tmp_path / step).unlink()
+    before = calls(tmp_path)
+    again = run_bench(replace(request, retry_failed=True), None, METHODS, METRICS, HERE)
+    assert (again.computed, again.failed) == (3, ())
+    assert set(calls(tmp_path) - before) == {"copy s00000", "grey s00000", "grey s00001"}
 
 
 @pytest.mark.slow

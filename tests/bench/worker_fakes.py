@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import os
 import signal
 import time
@@ -66,7 +67,7 @@ def calls(folder: Path) -> Counter[str]:
 
 
 def obey(folder: Path | None, step: str) -> None:
-    """Do what a file of the name ``step`` in the folder asks for: "kill", "kill once", "full disk", "sleep"."""
+    """Do what a file of the name ``step`` in the folder asks for: "kill", "kill once", "full disk", "sleep", "spin"."""
     order = None if folder is None else folder / step
     if order is None or not order.is_file():
         return
@@ -77,6 +78,8 @@ def obey(folder: Path | None, step: str) -> None:
         os.kill(os.getpid(), signal.SIGKILL)
     if what == "sleep":
         time.sleep(600)
+    if what == "spin":  # compiled code that hears no signal
+        hashlib.pbkdf2_hmac("sha256", b"", b"", 2**31 - 1)
     if what == "full disk":
         raise CannotWrite("no room", "a disk with room", "make room")
 
