@@ -28,7 +28,7 @@ _DEPTH_HELP = """depth of the image, one of:
   constant                                      a flat picture"""
 
 # Names are said here again because the registries import much; a test compares.
-OUTPAINTERS = ("auto", "none", "sd15", "classical", "mirror", "edge")
+OUTPAINTERS = ("auto", "none", "sd15", "classical", "mean", "mirror", "edge")
 INPAINTERS = ("auto", "none", "sd15", "classical", "telea", "navier-stokes", "nearest")
 
 
@@ -78,7 +78,7 @@ def _add_growth(verb: argparse.ArgumentParser) -> None:
     text = "grow to this many anchors at most (what repair inserts comes on top)"
     verb.add_argument("--max-anchors", metavar="N", type=int, help=text)
     text = "grow until a thousand more anchors gain less than this many dB\n"
-    text += "(default: none of the three, the preset's count at once)"
+    text += "(default: none of the three, the preset's count inside the image)"
     verb.add_argument("--price", metavar="DB", type=float, help=text)
 
 

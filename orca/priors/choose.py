@@ -110,12 +110,12 @@ def choose_outpainter(
 ) -> tuple[Outpainter | None, str]:
     """The outpainter of that name (None for ``none``), and a note. Errors as for `choose_inpainter`.
 
-    ``auto`` is Stable Diffusion 1.5 where its weights are, else ``mirror``: with as many anchors, exemplars beyond
-    the frame measured worse, since their detail takes anchors from the original image.
+    ``auto`` is Stable Diffusion 1.5 where its weights are, else ``mean``: what lay beyond cropped photographs came back
+    closer with it than with exemplars (``classical``), and those take seconds where it takes a tenth of one.
     """
     if name == "none":
         return None, ""
-    name, note = _resolved(name, access, "mirror")
+    name, note = _resolved(name, access, "mean")
     if name == "sd15":
         return DiffusionOutpainter(access, config, seed), note
     if name == "classical":

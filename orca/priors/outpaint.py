@@ -1,4 +1,9 @@
-"""What lies beyond the frame, without a network: the border goes on, ever more blurred the farther it gets."""
+"""What lies beyond the frame, without a network: the border goes on, ever more blurred the farther it gets.
+
+Nothing tells what is there, and the mean of several guesses errs less than each of them. Of 20 real photographs cropped
+by 56 pixels a side, what was cut off came back at 14.4 dB mirrored, 15.2 repeated, 15.5 from four fills with patches of
+the image, and 15.9 as the mean of mirror, repetition and membrane.
+"""
 
 from __future__ import annotations
 
@@ -10,8 +15,9 @@ import numpy as np
 from orca.conventions import Float32Array
 from orca.errors import BadInput, Unknown
 from orca.registry import Registry
+from orca.repair.membrane import membrane
 
-__all__ = ["OUTPAINTERS", "EdgeOutpainter", "MirrorOutpainter", "Outpainter", "extend_depth"]
+__all__ = ["OUTPAINTERS", "EdgeOutpainter", "MeanOutpainter", "MirrorOutpainter", "Outpainter", "extend_depth"]
 
 Mode = Literal["mirror", "edge"]
 
@@ -49,6 +55,7 @@ OUTPAINTERS: Registry[type[Outpainter]] = Registry(
     {
         "sd15": "orca.priors.grow:DiffusionOutpainter",
         "classical": "orca.priors.grow:ClassicalOutpainter",
+        "mean": "orca.priors.outpaint:MeanOutpainter",
         "mirror": "orca.priors.outpaint:MirrorOutpainter",
         "edge": "orca.priors.outpaint:EdgeOutpainter",
     },
@@ -76,6 +83,25 @@ class EdgeOutpainter:
     def outpaint(self, image: Float32Array, left: int, top: int, right: int, bottom: int) -> Float32Array:
         """See `Outpainter`."""
         return _extend(_rgb(image), (left, top, right, bottom), "edge")
+
+
+class MeanOutpainter:
+    """The mean of three guesses: the image mirrored, its border repeated, and a membrane that its border spans."""
+
+    name = "mean"
+
+    def outpaint(self, image: Float32Array, left: int, top: int, right: int, bottom: int) -> Float32Array:
+        """See `Outpainter`."""
+        pixels, margins = _rgb(image), (left, top, right, bottom)
+        canvas = _extend(pixels, margins, "mirror")
+        if max(margins) == 0:
+            return canvas
+        frame = np.s_[top : top + pixels.shape[0], left : left + pixels.shape[1]]
+        known = np.zeros(canvas.shape[:2], np.bool_)
+        known[frame] = True
+        canvas = (canvas + _extend(pixels, margins, "edge") + membrane(canvas, known)) / np.float32(3)
+        canvas[frame] = pixels
+        return np.asarray(canvas, np.float32)
 
 
 def extend_depth(

@@ -44,7 +44,8 @@ class FillTarget:
         scheme: "paper:percentile" (the paper's donors), "smooth:background" or "structure:background"
             (foreground found and left out), "...:all" (no foreground around the hole), "...:nearest" (too few donors).
         depth_threshold: donors are at this depth or beyond.
-        foretold: "structure" only: share of the texture that was continued, the rest is membrane (`foretold_share`).
+        foretold: "structure" only: share of the texture that was continued, on average over the hole; the rest is
+            membrane (`foretold_share`).
     """
 
     y: IntArray
@@ -253,8 +254,8 @@ def _structure_fill(
     if made is None:
         return _smooth_colours(crop, donors, rules), smooth_inverse, None
     continued, continued_inverse, known = made
-    rgb = np.where(known[..., None], base + np.float32(foretold) * (continued - base), base)
-    return rgb, np.where(known, continued_inverse, smooth_inverse), foretold
+    rgb = np.where(known[..., None], base + foretold[..., None] * (continued - base), base)
+    return rgb, np.where(known, continued_inverse, smooth_inverse), float(foretold[crop.hole].mean())
 
 
 def _smooth_colours(crop: _Crop, donors: BoolArray, rules: RepairRules) -> Float32Array:

@@ -99,8 +99,9 @@ def make_canvas(
     """Outpaint as far as the trajectory looks; without an outpainter the canvas is the image itself.
 
     An outpainter that invents content needs depth that belongs to it: with an ``estimator`` it is estimated on the
-    outpainted image. What mirrors or repeats the image takes depth the same way. Where an outpainter fails, or what it
-    returns is no image of the size asked for, the image is mirrored instead and the canvas carries a note.
+    outpainted image. What mirrors or repeats the image takes depth the same way, and their mean takes it mirrored.
+    Where an outpainter fails, or what it returns is no image of the size asked for, the image is mirrored instead and
+    the canvas carries a note.
     """
     if outpainter is None:
         return Canvas(image, depth, camera, (0, 0, 0, 0))
@@ -108,8 +109,8 @@ def make_canvas(
     painted, failure = _outpainted(outpainter, image, margins)
     if failure:
         outpainter = MirrorOutpainter()
-    invents = outpainter.name not in ("mirror", "edge")
-    mode: Literal["mirror", "edge"] = "mirror" if outpainter.name == "mirror" else "edge"
+    invents = outpainter.name not in ("mean", "mirror", "edge")
+    mode: Literal["mirror", "edge"] = "mirror" if outpainter.name in ("mean", "mirror") else "edge"
     extended, words = extend_depth(depth, *margins, mode=mode), f"the original's, extended ({mode})"
     wide = camera.padded(*margins)
     original = (slice(margins[1], margins[1] + image.shape[0]), slice(margins[0], margins[0] + image.shape[1]))

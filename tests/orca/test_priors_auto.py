@@ -131,7 +131,7 @@ def test_depth_estimators_by_what_is_here(tmp_path: Path) -> None:
 
 def test_in_and_outpainter_by_what_is_here(tmp_path: Path) -> None:
     empty, full = ModelAccess(tmp_path / "no"), pretend(tmp_path / "yes", SD15_INPAINTING)
-    for choose, without in ((choose_inpainter, "classical"), (choose_outpainter, "mirror")):
+    for choose, without in ((choose_inpainter, "classical"), (choose_outpainter, "mean")):
         chosen, note = choose("auto", empty)
         assert chosen is not None
         assert (chosen.name, "unet/config.json" in note) == (without, True)
@@ -153,7 +153,7 @@ def test_every_choice_of_the_command_line_is_a_name() -> None:
 def test_the_record_names_everyone(tmp_path: Path) -> None:
     priors = Priors.of(get_preset("draft"), ModelAccess(tmp_path), seed=3)
     record = priors.to_json()
-    assert (record["outpainter"], record["inpainter"], record["depth"]) == ("mirror", "classical", "none")
+    assert (record["outpainter"], record["inpainter"], record["depth"]) == ("mean", "classical", "none")
     assert len(record["notes"]) == 2  # why no Stable Diffusion, why no depth network
     assert Priors().to_json()["inpainter"] == "none"
 

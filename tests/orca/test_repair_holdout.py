@@ -32,9 +32,13 @@ def hole() -> BoolArray:
     return mask
 
 
-def share(rgb: Float32Array, trusted: BoolArray | None = None) -> float:
+def shares(rgb: Float32Array, trusted: BoolArray | None = None) -> Float32Array:
     background = ~hole() if trusted is None else trusted
     return foretold_share(rgb, np.full((SIZE, SIZE), 0.5, np.float32), background, hole(), PATCH, 1, 12)
+
+
+def share(rgb: Float32Array, trusted: BoolArray | None = None) -> float:
+    return float(shares(rgb, trusted)[hole()].mean())
 
 
 def test_stripes_are_foretold_and_noise_is_not() -> None:
@@ -50,8 +54,18 @@ def test_nothing_to_ask_is_nothing_foretold() -> None:
     assert share(stripes(), few) == 0.0
 
 
+def test_stripes_beside_noise_are_foretold_on_their_side_only() -> None:
+    mask = np.zeros((SIZE, SIZE), bool)
+    mask[4:60, 28:36] = True
+    rgb = np.concatenate([stripes()[: SIZE // 2], noise()[SIZE // 2 :]])
+    there = foretold_share(rgb, np.full((SIZE, SIZE), 0.5, np.float32), ~mask, mask, PATCH, 1, 12)
+    upper, lower = float(there[8:22, 28:36].mean()), float(there[42:56, 28:36].mean())
+    assert upper > lower + 0.25
+
+
 def test_a_flat_background_departs_from_nothing() -> None:
-    assert 0.0 <= share(np.full((SIZE, SIZE, 3), 0.5, np.float32)) <= 1.0
+    there = shares(np.full((SIZE, SIZE, 3), 0.5, np.float32))
+    assert 0.0 <= there.min() <= there.max() <= 1.0
 
 
 @pytest.mark.parametrize(("texture", "bound"), [("stripes", 0.1), ("noise", 1.1)])
