@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -20,24 +19,17 @@ from bench.store import RunStore
 from orca.errors import BadInput, CannotWrite, Unavailable
 from tests.bench.run_files import lasting, timed_out
 from tests.bench.worker_fakes import METHODS, METRICS, calls, request_of
+from tests.cluster import NEEDS, two_nodes
 
 pytestmark = pytest.mark.slow
-NEEDS = Resources(cores=1, memory_gib=0.2)
 
 
 @pytest.fixture(scope="module")
 def cluster() -> Iterator[str]:
     """The address of the cluster."""
-    cluster_utils = pytest.importorskip("ray.cluster_utils")
-    os.environ["RAY_ACCEL_ENV_VAR_OVERRIDE_ON_ZERO"] = "0"
-    memory = {"num_cpus": 1, "object_store_memory": 80 * 2**20, "memory": 2**30, "include_dashboard": False}
-    started = cluster_utils.Cluster(initialize_head=True, head_node_args=memory)
-    try:
-        started.add_node(**memory)
-        started.wait_for_nodes()
-        yield started.address
-    finally:
-        started.shutdown()
+    pytest.importorskip("ray")
+    with two_nodes() as address:
+        yield address
 
 
 class Notes(SilentReporter):
