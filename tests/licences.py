@@ -50,7 +50,9 @@ The publisher of the NIQE prior states no hash; the 16 digits that are checked c
 it. The model of `llava` (15 GB) has no hash on record: it is put in place by hand. Images, videos and archives of data
 sets are pinned in `bench/datasets/manifest.py`. The priors of `orca` (`orca/priors/hub.py`) come from the hub over
 https, by its own client, at a pinned commit, as safetensors without code: what the hub serves under that commit is
-taken on trust. **Depth Pro alone follows a branch** (`main`): no commit of it could be verified.
+taken on trust. **No commit of Depth Pro could be verified**, so it is not downloaded unless
+`ORCA_REVISION_DEPTHPRO_HF` names a commit (or `main`, a branch, which moves; that is then said). What lies in the
+hub's cache or in `--weights-dir` is used.
 
 ## Known vulnerabilities
 

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import logging
 import os
+import re
 import socket
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 from urllib.parse import urlsplit
 
-from orca.errors import Unavailable
+from orca.errors import BadInput, Unavailable
 
 __all__ = ["DEPTH_ANYTHING_V2_SMALL", "DEPTH_PRO", "SD15_INPAINTING", "HubModel", "ModelAccess", "locate"]
 
@@ -47,7 +48,8 @@ class HubModel:
     Attributes:
         title: its name for people.
         repo: OWNER/NAME on the hub.
-        revision: what is downloaded: a commit, or a branch where no commit could be verified.
+        revision: the commit that is downloaded; empty where none could be verified: then nothing is downloaded unless
+            `variable` says what.
         files: every file that is needed; nothing else is downloaded. Weights are safetensors: nothing is unpickled.
         megabytes: about how much that is, said before a download starts.
     """
@@ -57,6 +59,20 @@ class HubModel:
     revision: str
     files: tuple[str, ...]
     megabytes: int
+
+    @property
+    def variable(self) -> str:
+        """Of the environment: the commit, or branch, to download of a model without a pinned one."""
+        return "ORCA_REVISION_" + re.sub(r"[^A-Z0-9]", "_", self.repo.rpartition("/")[2].upper())
+
+    def chosen_revision(self) -> str | None:
+        """The pinned commit, else what the environment says, else None. Raises `BadInput` for what is no revision."""
+        if self.revision:
+            return self.revision
+        said = os.environ.get(self.variable, "").strip()
+        if said and not re.fullmatch(r"\w[\w.-]{0,99}", said):
+            raise BadInput(f"{self.variable}='{said}'", "a commit (40 hex digits) or a branch", "correct or unset it")
+        return said or None
 
     def missing_in(self, folder: Path) -> list[str]:
         """Needed files that ``folder`` does not have."""
@@ -88,7 +104,7 @@ _TRANSFORMERS_FILES = ("config.json", "model.safetensors", "preprocessor_config.
 DEPTH_PRO = HubModel(
     "Depth Pro",
     "apple/DepthPro-hf",
-    "main",  # a branch: no commit of this repository could be verified when this was written
+    "",  # no commit of this repository could be verified when this was written
     _TRANSFORMERS_FILES,
     1900,
 )
@@ -105,10 +121,13 @@ DEPTH_ANYTHING_V2_SMALL = HubModel(
 def locate(model: HubModel, access: ModelAccess) -> Path:
     """The folder with all of a model's files: in ``weights_dir`` if given, else the hub's cache, else downloaded.
 
-    Never waits long for a network that is not there: whether the hub answers is tried once, for two seconds.
+    Never waits long for a network that is not there: whether the hub answers is tried once, for two seconds. A model
+    without a pinned commit is not downloaded unless its variable names one, or a branch: a branch moves, and with it
+    the results.
 
     Raises:
         Unavailable: names the files that are missing and where they were looked for.
+        BadInput: the variable holds no revision.
     """
     if access.weights_dir is not None:
         return _in_weights_dir(model, access.weights_dir)
@@ -120,17 +139,26 @@ def locate(model: HubModel, access: ModelAccess) -> Path:
             "the optional dependencies 'models'",
             "pip install 'orca-nvs[models]'",
         ) from error
-    cached = _in_cache(model, Path(constants.HF_HUB_CACHE))
+    revision = model.chosen_revision()
+    cached = _in_cache(model, Path(constants.HF_HUB_CACHE), revision or "main")
     if cached is not None:
         return cached
     if access.local_files_only or constants.HF_HUB_OFFLINE:
         raise _unavailable(model, f"not in the hub's cache {constants.HF_HUB_CACHE}, and downloads are off")
+    if revision is None:
+        raise _unavailable(
+            model,
+            f"not in the hub's cache {constants.HF_HUB_CACHE}, and no commit of it is pinned",
+            f"set {model.variable} to a commit (or to main, which moves), ",
+        )
     problem = _hub_problem(constants.ENDPOINT)
     if problem is not None:
         raise _unavailable(model, f"not in the hub's cache {constants.HF_HUB_CACHE}, and {problem}")
     _log.warning("downloading %s (about %d MB) from %s, once", model.title, model.megabytes, constants.ENDPOINT)
+    if not re.fullmatch(r"[0-9a-f]{40}", revision):
+        _log.warning("%s follows the branch %s: what it is may change", model.title, revision)
     try:
-        found = snapshot_download(model.repo, revision=model.revision, allow_patterns=list(model.files), etag_timeout=5)
+        found = snapshot_download(model.repo, revision=revision, allow_patterns=list(model.files), etag_timeout=5)
     except Exception as error:
         # The hub's client raises errors of several libraries; whichever it was, there are no weights.
         raise _unavailable(model, f"the download failed ({type(error).__name__}: {str(error)[:200]})") from error
@@ -149,15 +177,16 @@ def _in_weights_dir(model: HubModel, weights_dir: Path) -> Path:
     raise Unavailable(
         f"{model.title}: {', '.join(model.missing_in(nearest))} not in {nearest}",
         f"the files of huggingface.co/{model.repo} in {places[0]} or {places[1]}",
-        f"hf download {model.repo} --revision {model.revision} --local-dir {places[0]}, or leave out --weights-dir",
+        f"hf download {model.repo} --revision {model.revision or 'COMMIT'} --local-dir {places[0]}, or leave out "
+        "--weights-dir",
     )
 
 
-def _in_cache(model: HubModel, cache: Path) -> Path | None:
+def _in_cache(model: HubModel, cache: Path, revision: str) -> Path | None:
     """The model's snapshot in the hub's cache, if it is complete. Reads files only, so it takes no time."""
     folder = cache / f"models--{model.repo.replace('/', '--')}"
-    reference = folder / "refs" / model.revision  # a branch is a file that holds its commit
-    commit = reference.read_text(encoding="ascii").strip() if reference.is_file() else model.revision
+    reference = folder / "refs" / revision  # a branch is a file that holds its commit
+    commit = reference.read_text(encoding="ascii").strip() if reference.is_file() else revision
     snapshot = folder / "snapshots" / commit
     return None if model.missing_in(snapshot) else snapshot
 
@@ -177,9 +206,9 @@ def _hub_problem(endpoint: str) -> str | None:
         return f"{address.hostname} does not answer ({error})"
 
 
-def _unavailable(model: HubModel, why: str) -> Unavailable:
+def _unavailable(model: HubModel, why: str, first: str = "") -> Unavailable:
     return Unavailable(
         f"{model.title}: {why}",
         f"{', '.join(model.files)} of huggingface.co/{model.repo}",
-        f"let it download (about {model.megabytes} MB), or give --weights-dir DIR with DIR/{model.repo}/",
+        f"{first}let it download (about {model.megabytes} MB), or give --weights-dir DIR with DIR/{model.repo}/",
     )

@@ -12,10 +12,11 @@ import huggingface_hub
 import pytest
 from huggingface_hub import constants
 
-from orca.errors import Unavailable
+from orca.errors import BadInput, Unavailable
 from orca.priors import hub
 from orca.priors.hub import DEPTH_ANYTHING_V2_SMALL, DEPTH_PRO, SD15_INPAINTING, ModelAccess, locate
 
+VARIABLE = "ORCA_REVISION_DEPTHPRO_HF"
 MODELS = (SD15_INPAINTING, DEPTH_PRO, DEPTH_ANYTHING_V2_SMALL)
 
 
@@ -34,6 +35,7 @@ def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.setattr(constants, "HF_HUB_OFFLINE", False)
     for name in ("HTTPS_PROXY", "https_proxy", "ALL_PROXY"):
         monkeypatch.delenv(name, raising=False)
+    monkeypatch.delenv(VARIABLE, raising=False)
     return tmp_path / "cache"
 
 
@@ -54,7 +56,7 @@ def no_network(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
 def test_only_safetensors_are_ever_asked_for(model: hub.HubModel) -> None:
     assert any(name.endswith(".safetensors") for name in model.files)
     assert not [name for name in model.files if name.endswith((".bin", ".pt", ".pth", ".ckpt", ".pkl"))]
-    assert re.fullmatch(r"[0-9a-f]{40}", model.revision) or (model is DEPTH_PRO and model.revision == "main")
+    assert re.fullmatch(r"[0-9a-f]{40}", model.revision) or (model is DEPTH_PRO and not model.revision)
 
 
 @pytest.mark.parametrize("name", ["apple/DepthPro-hf", "DepthPro-hf"])
@@ -102,6 +104,7 @@ def test_offline_never_connects(cache: Path, monkeypatch: pytest.MonkeyPatch, ho
 
 def test_an_unreachable_hub_is_tried_once_and_shortly(cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     tried = no_network(monkeypatch)
+    monkeypatch.setenv(VARIABLE, "main")
     for model in MODELS:
         with pytest.raises(Unavailable, match="does not answer"):
             locate(model, ModelAccess())
@@ -112,7 +115,7 @@ def test_a_hub_without_https_is_not_asked(cache: Path, monkeypatch: pytest.Monke
     monkeypatch.setattr(constants, "ENDPOINT", "http://mirror.local")
     tried = no_network(monkeypatch)
     with pytest.raises(Unavailable, match="is not https"):
-        locate(DEPTH_PRO, ModelAccess())
+        locate(DEPTH_ANYTHING_V2_SMALL, ModelAccess())
     assert tried == []
 
 
@@ -120,7 +123,7 @@ def test_behind_a_proxy_the_proxy_is_tried(cache: Path, monkeypatch: pytest.Monk
     monkeypatch.setenv("HTTPS_PROXY", "http://proxy.local:3128")
     tried = no_network(monkeypatch)
     with pytest.raises(Unavailable, match="proxy"):
-        locate(DEPTH_PRO, ModelAccess())
+        locate(DEPTH_ANYTHING_V2_SMALL, ModelAccess())
     assert tried[0][0] == ("proxy.local", 3128)
 
 
@@ -155,7 +158,51 @@ def test_a_download_that_fails_or_is_incomplete_is_unavailable(
 
     reachable(monkeypatch, broken)
     with pytest.raises(Unavailable, match="reset by peer"):
-        locate(DEPTH_PRO, ModelAccess())
-    reachable(monkeypatch, lambda repo, **_: str(write(tmp_path / "part", DEPTH_PRO.files[:1])))
+        locate(DEPTH_ANYTHING_V2_SMALL, ModelAccess())
+    reachable(monkeypatch, lambda repo, **_: str(write(tmp_path / "part", DEPTH_ANYTHING_V2_SMALL.files[:1])))
     with pytest.raises(Unavailable, match=r"has no model\.safetensors"):
+        locate(DEPTH_ANYTHING_V2_SMALL, ModelAccess())
+
+
+def test_what_is_not_pinned_is_not_downloaded(cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Whether the hub answers is not even asked; the error says which variable would allow it."""
+    monkeypatch.setattr(hub, "_hub_problem", lambda _: pytest.fail("asked the hub"))
+    monkeypatch.setattr(huggingface_hub, "snapshot_download", lambda *_, **__: pytest.fail("downloaded"))
+    with pytest.raises(Unavailable, match="no commit of it is pinned") as caught:
+        locate(DEPTH_PRO, ModelAccess())
+    assert VARIABLE in caught.value.fix
+
+
+@pytest.mark.parametrize(("said", "moves"), [("0123456789abcdef" * 2 + "01234567", False), ("main", True)])
+def test_a_commit_or_a_branch_that_the_user_names_is_downloaded(
+    tmp_path: Path,
+    cache: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    caplog: pytest.LogCaptureFixture,
+    said: str,
+    moves: bool,
+) -> None:
+    asked: dict[str, Any] = {}
+
+    def download(repo: str, **given: Any) -> str:
+        asked.update(given)
+        return str(write(tmp_path / "got", DEPTH_PRO.files))
+
+    reachable(monkeypatch, download)
+    monkeypatch.setenv(VARIABLE, said)
+    with caplog.at_level(logging.WARNING):
+        assert locate(DEPTH_PRO, ModelAccess()) == tmp_path / "got"
+    assert asked["revision"] == said
+    assert ("follows the branch main" in caplog.text) == moves
+
+
+def test_a_pin_is_not_changed_by_the_environment(cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv(DEPTH_ANYTHING_V2_SMALL.variable, "main")
+    assert DEPTH_ANYTHING_V2_SMALL.chosen_revision() == "5426e4f0f36572d16453bbda7a8389317b1bef99"
+
+
+@pytest.mark.parametrize("said", ["../../etc", "a b", "refs/pr/1", "-x"])
+def test_what_is_no_revision_is_refused(cache: Path, monkeypatch: pytest.MonkeyPatch, said: str) -> None:
+    monkeypatch.setenv(VARIABLE, said)
+    with pytest.raises(BadInput, match=VARIABLE):
         locate(DEPTH_PRO, ModelAccess())
