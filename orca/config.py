@@ -99,12 +99,13 @@ class CanvasConfig:
     """How far the outpainted image reaches beyond the original.
 
     Attributes:
-        outpainter: name in the registry of outpainters, or "none".
+        outpainter: name in the registry of outpainters, "none", or "auto": "sd15" (P) where its weights are on this
+            machine, else "mean" (O).
         max_scale: the canvas is at most this many times the image's size; how much of it is used follows
             from how far the trajectory looks outside (O).
     """
 
-    outpainter: str = "mirror"
+    outpainter: str = "auto"
     max_scale: float = 2.5
 
 
@@ -113,19 +114,21 @@ class PlacementConfig:
     """Where the anchors go (O).
 
     Attributes:
-        kind: "quadtree" places them by need, "grid" on a regular grid (P).
+        kind: "growth" places them by need and by residual (`orca.stages.growth`), "quadtree" by need at once, "grid"
+            on a regular grid (P).
         margin_importance: how much an error in the outpainted margin counts against one in the original.
         margin_cell: side of the largest cells in the outpainted margin, in pixels: a power of two, at least 8.
         edge_ratio: neighbouring depths further apart than this ratio are a depth edge.
-        edge_weight: how much a cell across a depth edge costs, in units of the local colour variance ...
+        edge_weight: how much a cell across a depth edge costs, in units of the local colour variance (at 0.5 the input
+            view, visible content and a second view lose, at 0 the input view; measured) ...
         edge_floor: ... to which this is added, since silhouettes move in novel views whatever their contrast.
     """
 
-    kind: Literal["quadtree", "grid"] = "quadtree"
+    kind: Literal["growth", "quadtree", "grid"] = "growth"
     margin_importance: float = 0.25
     margin_cell: int = 16
     edge_ratio: float = 1.1
-    edge_weight: float = 0.5
+    edge_weight: float = 0.1
     edge_floor: float = 0.005
 
 
@@ -134,8 +137,8 @@ class PlanarConfig:
     """Stage 1 (P: iterations; O: the rest).
 
     Attributes:
-        anchors_per_pixel: anchors per pixel of the original image; 0.25 is 65,536 at 512x512. A quadtree's anchors
-            in the outpainted margin are within that number; a regular grid's come on top.
+        anchors_per_pixel: anchors per pixel of the original image; 0.25 is 65,536 at 512x512. Those in the outpainted
+            margin come on top, except where a quadtree is placed at once: there they are within that number.
         placement: where they go.
         margin_spacing: grid spacing outside the original, in units of the spacing inside ("grid" only).
         kappa: standard deviation of an anchor over the grid spacing.
@@ -168,28 +171,35 @@ class PlanarConfig:
 
 @dataclass(frozen=True)
 class GrowthConfig:
-    """Growth by residual, and when it stops (O). Without target, count and price there is none.
+    """Growth by residual, and when it stops (O).
 
     Attributes:
         target_psnr: grow until the input view is reproduced this well, in dB.
         max_anchors: grow to at most so many anchors, margin included; what repair inserts comes on top.
+        max_inside: grow to so many anchors inside the original; those of the margin come on top. Presets set it, unless
+            one of the other limits is given.
+        margin_share: the margin's anchors at most, as a share of ``max_inside``.
         price: grow until a thousand more anchors gain less than this, in dB: what anchors cost, in bytes as in
             seconds, grows with their number, so a gain per anchor is what can be weighed against it.
         start: anchors at the start, as a share of the count allowed.
         start_target: the same, as a share of what target or price seem to need.
-        growth: how many times more anchors a round ends with, at most (its square towards a target).
+        growth: how many times more anchors a round to a count ends with, at most: small rounds place better.
+        growth_open: the same where there is no count (its square towards a target).
         solver_steps, cg_steps: outer and inner steps of a round, warm started; the first takes twice as many outer.
         min_gain_db, patience: stop after so many rounds that gain less (P: 0.03 dB, 4 evaluations).
     """
 
     target_psnr: float | None = None
     max_anchors: int | None = None
+    max_inside: int | None = None
+    margin_share: float = 0.15
     price: float | None = None
-    start: float = 0.6
+    start: float = 0.7
     start_target: float = 0.8
-    growth: float = 1.25
+    growth: float = 1.15
+    growth_open: float = 1.25
     solver_steps: int = 1
-    cg_steps: int = 4
+    cg_steps: int = 3
     min_gain_db: float = 0.03
     patience: int = 4
 
@@ -202,7 +212,7 @@ class GrowthConfig:
 
     @property
     def wanted(self) -> bool:
-        """Whether to grow at all."""
+        """Whether a limit other than the preset's count is given."""
         return not (self.target_psnr is None and self.max_anchors is None and self.price is None)
 
 

@@ -13,7 +13,7 @@ import torch
 
 from orca.anchors import GaussianAnchors, Stage
 from orca.camera import Camera
-from orca.config import ReconstructConfig
+from orca.config import GrowthConfig, ReconstructConfig
 from orca.conventions import Float32Array
 from orca.errors import BadInput
 from orca.field.decoders import Decoders, analytic_decoders
@@ -34,7 +34,7 @@ from orca.stages.observations import MARGIN_RESOLUTION, Observation, observation
 from orca.stages.planar import PlanarGrid, place, planar_anchors, rest_positions
 from orca.stages.prune import reached
 from orca.stages.rims import shrink_rims
-from orca.stages.solve import solve_colours, with_colours
+from orca.stages.solve import solve, with_colours
 from orca.stages.train import TrainPlan, train
 
 __all__ = ["Reconstruction", "reconstruct"]
@@ -165,23 +165,41 @@ def _placed(
 ) -> tuple[PlanarGrid, Float32Array | None]:
     """Where the anchors sit: the preset's count at once, or grown as far as target, count or price ask for.
 
-    Growth judges the fit at the scene's depth; the colours that it ended with come back too.
+    To the preset's count anchors grow on the plane, which is stage 1's fit. With a limit on quality or a price they
+    grow at the scene's depth, where those are to hold. The colours that growth ended with come back too.
     """
     config = run.config
-    if not config.growth.wanted:
+    limits = _limits(canvas, config)
+    if limits is None:
         run.record["growth"] = {"stopped": "the preset's count, placed at once", "curve": []}
         return place(canvas, config.planar), None
+
+    def flat(grid: PlanarGrid) -> GaussianAnchors:
+        return planar_anchors(canvas, grid, config.planar)
+
     growth = grow(
         canvas,
         observed,
-        lambda grid: _lift(planar_anchors(canvas, grid, config.planar), grid, depth, canvas, config),
+        (lambda grid: _lift(flat(grid), grid, depth, canvas, config)) if config.growth.wanted else flat,
         config.planar,
         config.render,
-        config.growth,
+        limits,
         lambda done, total: run.progress("growth", done, total),
     )
     run.record["growth"] = growth.to_json()
+    if not config.growth.wanted:
+        run.record["input_psnr"]["planar"] = growth.steps[-1].psnr_db
     return growth.grid, growth.colours
+
+
+def _limits(canvas: Canvas, config: ReconstructConfig) -> GrowthConfig | None:
+    """How far to grow: as far as the limits given ask for, else to the preset's count; None places that at once."""
+    if config.growth.wanted:
+        return config.growth
+    if config.planar.placement.kind != "growth":
+        return None
+    count = round(config.planar.anchors_per_pixel * canvas.depth[canvas.original].size)
+    return replace(config.growth, max_inside=count)
 
 
 def _stage_planar(
@@ -198,18 +216,22 @@ def _stage_planar(
     encoding = None
     if planar.max_iterations + config.deform.max_iterations > 0:
         encoding = HashEncoding(rest_positions(canvas, grid), config.hash, run.generator)
-    if planar.initialisation == "closed_form":
-        decoders = analytic_decoders(planar.density, run.generator)
-        anchors = anchors if colours is None else with_colours(anchors, colours)
-        anchors = solve_colours(anchors, decoders, observed, planar, config.render)
-    else:
+    if planar.initialisation == "random":
         anchors = anchors.with_features(torch.zeros_like(anchors.features))
         decoders = Decoders(planar.use_direction, run.generator)
+    else:
+        decoders = analytic_decoders(planar.density, run.generator)
+        if colours is not None:
+            anchors = with_colours(anchors, colours)
+        else:
+            solved = solve(anchors, decoders, observed, planar, config.render)
+            anchors, run.record["input_psnr"]["planar"] = solved.anchors, solved.after
     if encoding is not None:
         anchors = anchors.with_features(anchors.features + encoding().detach())
     plan = TrainPlan(planar.max_iterations, 0, not planar.freeze_geometry, not planar.freeze_geometry)
     anchors = _train(anchors, decoders, encoding, observed, plan, "planar fit", run)
-    _note_psnr(run, "planar", anchors, decoders, observed[0])
+    if planar.max_iterations > 0:
+        _note_psnr(run, "planar", anchors, decoders, observed[0])
     run.progress("planar fit", 1, 1)
     return anchors, decoders, encoding
 
@@ -228,12 +250,16 @@ def _stage_deform(
     config = run.config
     run.progress("depth deformation", 0, 1)
     lifted = _place(_lift(anchors, grid, depth, canvas, config), canvas, run)
-    _note_psnr(run, "deformed", lifted, decoders, observed[0])
+    psnr = run.record["input_psnr"]
     if config.planar.initialisation == "closed_form":
-        lifted = solve_colours(lifted, decoders, observed, config.planar, config.render)
+        solved = solve(lifted, decoders, observed, config.planar, config.render)
+        lifted, psnr["deformed"], psnr["fine_tuned"] = solved.anchors, solved.before, solved.after
+    else:
+        _note_psnr(run, "deformed", lifted, decoders, observed[0])
     plan = TrainPlan(config.deform.max_iterations, config.deform.arm_after, False, True)
     lifted = _train(lifted, decoders, encoding, observed, plan, "fine-tuning", run)
-    _note_psnr(run, "fine_tuned", lifted, decoders, observed[0])
+    if "fine_tuned" not in psnr or plan.max_iterations > 0:
+        _note_psnr(run, "fine_tuned", lifted, decoders, observed[0])
     run.progress("depth deformation", 1, 1)
     return lifted
 

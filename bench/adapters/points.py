@@ -250,7 +250,9 @@ def _keep(config: ReconstructConfig, value: Any, pixels: int | None) -> Reconstr
 
 KNOBS: dict[str, Knob] = {
     "preset": Knob("a preset: draft, quality or paper", _preset_name, _keep, "what the point starts from"),
-    "anchors": Knob("a whole number from 64", _whole(64), _anchors, "anchors on the input image and its margin"),
+    "anchors": Knob(
+        "a whole number from 64", _whole(64), _anchors, "anchors on the input image; those of its margin come on top"
+    ),
     "target_psnr": Knob("a positive number", _positive, _growth("target_psnr"), "grow to this input view, in dB"),
     "max_anchors": Knob(
         "a whole number from 64", _whole(64), _growth("max_anchors"), "grow to at most so many anchors"
@@ -258,7 +260,12 @@ KNOBS: dict[str, Knob] = {
     "price": Knob(
         "a positive number", _positive, _growth("price"), "grow until a thousand more anchors gain less, in dB"
     ),
-    "placement": Knob("quadtree or grid", _one_of("quadtree", "grid"), _placement, "where anchors go"),
+    "placement": Knob(
+        "growth, quadtree or grid",
+        _one_of("growth", "quadtree", "grid"),
+        _placement,
+        "where anchors go: by need and by residual, by need at once (margin within the count), or on a regular grid",
+    ),
     "hits": Knob("a whole number from 1 to 4096", _whole(1, 4096), _hits, "anchors at most that a ray meets"),
     "decode": Knob(
         "layered or per_hit", _one_of("layered", "per_hit"), _decode, "each surface once, or every hit (the paper's)"

@@ -17,15 +17,17 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from orca.anchors import GaussianAnchors
 from orca.config import GrowthConfig, PlanarConfig, RenderConfig
 from orca.conventions import Float32Array, Float64Array
 from orca.errors import BadInput
+from orca.stages.allowance import Allowance
 from orca.stages.canvas import Canvas
 from orca.stages.early_stopping import EarlyStopping
 from orca.stages.observations import Observation
-from orca.stages.placement import split_cells
+from orca.stages.placement import Cells, split_cells
 from orca.stages.planar import PlanarGrid, grid_of
 from orca.stages.residual import Fitter, Residual, psnr_of, squared_of
 
@@ -93,13 +95,10 @@ def grow(
     """
     if planar.initialisation != "closed_form":
         raise BadInput("growth with a fit by gradient descent", "presets draft and quality", "choose another preset")
-    most = config.max_anchors or canvas.depth.size
     fitter = Fitter(canvas, observed, lift, planar, render)
-    cells = fitter.tree.cells(min(most, _start(fitter, most, config)))
-    if len(cells.sizes) > most:
-        raise BadInput(
-            f"at most {most} anchors", f"{len(cells.sizes)} or more for this picture and canvas", "allow more anchors"
-        )
+    allowed = Allowance.of(canvas, config)
+    cells = fitter.tree.cells(_start(fitter, allowed.most, config))
+    allowed = allowed.at_least(cells)
     patience = EarlyStopping(config.min_gain_db, config.patience, smoothing=1.0)
     colours, steps, started = None, list[GrowthStep](), time.perf_counter()
     thinned = True
@@ -108,29 +107,27 @@ def grow(
         colours, residual = fitter.fit(cells, grid, colours, config, thinned)
         steps.append(GrowthStep(len(cells.sizes), residual.psnr_db, time.perf_counter() - started))
         if progress is not None:
-            progress(steps[-1].anchors, most)
-        merit, removed = fitter.merits(cells, residual)
-        stopped = _why(steps, most, config) or (None if merit.any() else "every cell with an error is one pixel")
+            progress(steps[-1].anchors, allowed.most)
+        stopped, chosen = _why(steps, cells, allowed, config), None
         if stopped is None and patience.update(len(steps), residual.psnr_db):
             stopped = f"{config.patience} rounds gained less than {config.min_gain_db:g} dB"
-        if stopped is not None and not thinned:
-            return Growth(grid, colours, tuple(steps), stopped)
-        if stopped is not None:  # by some of the rays only: all of them must say so
-            steps.pop()
-        else:
-            order = np.argsort(-merit, kind="stable")[: np.count_nonzero(merit)]
-            splits = min(_splits(steps[-1], removed[order], residual, most, config), (most - steps[-1].anchors) // 3)
-            chosen = np.zeros(len(merit), bool)
-            chosen[order[: max(1, splits)]] = True
+        if stopped is None:
+            chosen = _chosen(fitter, cells, residual, allowed, config)
+            stopped = None if chosen.any() else "every cell with an error is one pixel"
+        if chosen is not None and stopped is None:
             cells, origin = split_cells(cells, chosen, canvas.depth.shape[1], canvas.depth.shape[0])
             colours = colours[origin]
+        elif not thinned:
+            return Growth(grid, colours, tuple(steps), stopped or "")
+        else:  # by some of the rays only: all of them must say so
+            steps.pop()
         thinned = False
 
 
 def _start(fitter: Fitter, most: int, config: GrowthConfig) -> int:
     """How many anchors to begin with: a share of the count allowed, or of what should do by the quadtree's error."""
     tree, pixels = fitter.tree, len(fitter.observed[0].rays)
-    count = config.start * config.max_anchors if config.max_anchors else float(most)
+    count = config.start * most if _limited(config) else float(most)
     series = _series(tree.fewest, most)
     if config.target_psnr is not None:
         enough = squared_of(config.target_psnr - _FIT_GAIN, pixels)
@@ -141,7 +138,12 @@ def _start(fitter: Fitter, most: int, config: GrowthConfig) -> int:
         rates = [(b - a) / (n - m) * 1000 for a, b, m, n in zip(scores, scores[1:], series, series[1:], strict=False)]
         dear = next((n for n, rate in zip(series[1:], rates, strict=True) if rate < config.price), most)
         count = min(count, config.start_target * dear)
-    return int(max(tree.fewest, round(count)))
+    return int(max(tree.fewest, min(most, round(count))))
+
+
+def _limited(config: GrowthConfig) -> bool:
+    """Whether a count is given."""
+    return config.max_anchors is not None or config.max_inside is not None
 
 
 def _series(low: int, high: int) -> list[int]:
@@ -150,13 +152,13 @@ def _series(low: int, high: int) -> list[int]:
     return [*(round(low * _STEP**i) for i in range(steps)), max(low, high)]
 
 
-def _why(steps: list[GrowthStep], most: int, config: GrowthConfig) -> str | None:
+def _why(steps: list[GrowthStep], cells: Cells, allowed: Allowance, config: GrowthConfig) -> str | None:
     """Why there is no further round, if so."""
     last = steps[-1]
     if config.target_psnr is not None and last.psnr_db >= config.target_psnr:
         return f"reached {config.target_psnr:g} dB"
-    if config.max_anchors is not None and most - last.anchors < 3:
-        return f"reached {most} anchors"
+    if _limited(config) and allowed.full(cells):
+        return allowed.words
     if config.price is not None and len(steps) > 1:
         before = steps[-2]
         gain = (last.psnr_db - before.psnr_db) / (last.anchors - before.anchors) * 1000
@@ -165,18 +167,28 @@ def _why(steps: list[GrowthStep], most: int, config: GrowthConfig) -> str | None
     return None
 
 
-def _splits(last: GrowthStep, removed: Float64Array, residual: Residual, most: int, config: GrowthConfig) -> int:
+def _chosen(
+    fitter: Fitter, cells: Cells, residual: Residual, allowed: Allowance, config: GrowthConfig
+) -> NDArray[np.bool_]:
+    """Which cells to split next, [N]: those that promise most."""
+    merit, removed = fitter.merits(cells, residual)
+    order = np.argsort(-merit, kind="stable")[: np.count_nonzero(merit)]
+    return allowed.chosen(cells, order, _splits(allowed.count(cells), removed[order], residual, allowed.most, config))
+
+
+def _splits(count: int, removed: Float64Array, residual: Residual, most: int, config: GrowthConfig) -> int:
     """How many splits the next round makes: so many that the rounds to the count allowed are alike, or fewer if the
     target should need no more; ``removed``: squared error that each split should remove, in the order they are made.
     """
-    ratio = config.growth
-    if config.max_anchors is not None:
-        left = most / last.anchors
+    ratio = config.growth_open
+    if _limited(config):
+        ratio = config.growth
+        left = most / count
         ratio = left ** (1 / max(1, math.ceil(math.log(left) / math.log(ratio) - 1e-9)))
     if config.target_psnr is None:
-        return int(last.anchors * (ratio - 1)) // 3
+        return math.ceil(count * (ratio - 1) / 3 - 1e-9)
     excess = residual.original - squared_of(config.target_psnr + _BEYOND, residual.pixels)
     needed = int(np.searchsorted(np.cumsum(removed), excess)) + 1
     # A round that knows what it needs may be as long as two, and none is too short to be worth it.
-    fewest, longest = (int(last.anchors * (share - 1)) // 3 for share in (_SMALLEST_ROUND, ratio**2))
+    fewest, longest = (int(count * (share - 1)) // 3 for share in (_SMALLEST_ROUND, ratio**2))
     return int(min(longest, max(needed, fewest)))

@@ -33,14 +33,8 @@ class LinearView:
     share: Float32Array
     target: Float32Array
 
-    def gather(self, samples: Float32Array) -> Float32Array:
-        """What the rays see of samples [S, 3]: sum T alpha x, [R, 3]."""
-        out = np.zeros((len(self.start) - 1, samples.shape[1]), np.float32)
-        _gather(len(out), self.start, self.share, samples, out)
-        return out
-
     def scatter(self, rays: Float32Array) -> Float32Array:
-        """The transpose of `gather`: [R, 3] to [S, 3]."""
+        """Colours of rays [R, 3] at their samples, each times its share, [S, 3]."""
         out = np.empty((len(self.share), rays.shape[1]), np.float32)
         _scatter(len(rays), self.start, self.share, rays, out)
         return out
@@ -55,9 +49,17 @@ def linear_view(renderer: Renderer, *observed: Observation) -> LinearView:
         entries = np.concatenate([entries, indptr[1:] + entries[-1]])
     column, weight, opacity = (np.concatenate([p[i] for p in parts]) for i in (2, 3, 4))
     weights = SparseMatrix.build(entries, column, weight, len(renderer.means))
-    sigma = renderer.matrices.sigma(weights.times(renderer.carried))
+    sigma = _densities(renderer, weights)
     target = np.concatenate([o.colour for o in observed])
     return LinearView(weights, samples, _shares(samples, sigma, opacity), target)
+
+
+def _densities(renderer: Renderer, weights: SparseMatrix) -> Float32Array:
+    """Sigma of every sample, [S]."""
+    carried = renderer.carried
+    if len(carried) and bool((carried == carried[0]).all()):  # as after the analytic start: weights sum to one
+        return np.full(len(weights.rows[0]) - 1, renderer.matrices.sigma(carried[:1])[0], np.float32)
+    return renderer.matrices.sigma(weights.times(carried))
 
 
 _Rows = tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int32], Float32Array, Float32Array]
@@ -176,16 +178,6 @@ def _composite(
             through = np.exp(-sigma[s] * opacity[s])
             out[s] = transmittance * (np.float32(1) - through)
             transmittance *= through
-
-
-@kernel()
-def _gather(
-    first: int, end: int, start: NDArray[np.int64], share: Float32Array, samples: Float32Array, out: Float32Array
-) -> None:
-    for r in range(first, end):
-        for s in range(start[r], start[r + 1]):
-            for c in range(samples.shape[1]):
-                out[r, c] += share[s] * samples[s, c]
 
 
 @kernel()

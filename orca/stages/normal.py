@@ -37,6 +37,13 @@ class NormalEquations:
         _to_anchors(len(x), *weights.columns, back, x, self.damping, out)
         return out
 
+    def at_anchors(self, samples: Float32Array) -> Float32Array:
+        """Transpose of the weights times samples [S, 3], [N, 3]."""
+        columns = self.view.weights.columns
+        out = np.empty((len(columns[0]) - 1, 3), np.float32)
+        _to_anchors(len(out), *columns, samples, out, 0.0, out)
+        return out
+
     def diagonal(self) -> Float32Array:
         """Diagonal of each channel, [N, 3], without what two samples of one ray have in common."""
         scale = self.slope * self.view.share[:, None]
@@ -120,7 +127,9 @@ def _to_anchors(
     """weights^T samples + damping x, [N, 3]."""
     keep = np.float32(damping)
     for j in range(first, end):
-        a, b, c = keep * x[j, 0], keep * x[j, 1], keep * x[j, 2]
+        a, b, c = np.float32(0), np.float32(0), np.float32(0)
+        if keep > 0:
+            a, b, c = keep * x[j, 0], keep * x[j, 1], keep * x[j, 2]
         for k in range(indptr[j], indptr[j + 1]):
             w, s = values[k], indices[k]
             a += w * samples[s, 0]

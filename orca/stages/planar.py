@@ -47,7 +47,7 @@ class PlanarGrid:
 
 
 def place(canvas: Canvas, config: PlanarConfig) -> PlanarGrid:
-    """Anchor positions by the configured rule."""
+    """Anchor positions at once, by the configured rule; where growth is configured, by need."""
     return regular_grid(canvas, config) if config.placement.kind == "grid" else by_need(canvas, config)
 
 

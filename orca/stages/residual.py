@@ -7,6 +7,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
+import cv2
 import numpy as np
 import torch
 from numpy.typing import NDArray
@@ -17,11 +18,12 @@ from orca.conventions import Float32Array, Float64Array
 from orca.field.decoders import analytic_decoders
 from orca.render.renderer import Renderer
 from orca.stages.canvas import Canvas
+from orca.stages.captured import captured
 from orca.stages.linear import linear_view
 from orca.stages.observations import Observation
 from orca.stages.placement import Cells, cell_of_pixel, edge_error
 from orca.stages.planar import PlanarGrid, tree_by_need
-from orca.stages.solve import predicted, refine
+from orca.stages.solve import refine
 
 __all__ = ["Fitter", "Residual", "psnr_of", "squared_of"]
 
@@ -47,12 +49,14 @@ class Residual:
         squared: squared error of each ray times the pixels of its image that it stands for, [R].
         inside: how many rays are the original's.
         pixels: how many pixels the original has.
+        lacking: colour that each canvas pixel lacks, in the margin times the root of its importance, [H, W, 3].
     """
 
     place: NDArray[np.int64]
     squared: Float64Array
     inside: int
     pixels: int
+    lacking: Float32Array
 
     @property
     def original(self) -> float:
@@ -94,29 +98,45 @@ class Fitter:
         Thinned, for a first fit that only says where to split, it looks at one pixel of four where cells are of
         `_COARSE` pixels or more.
         """
-        original, place, stands = self.observed[0], self.places[0], np.ones(len(self.places[0]))
+        original, place = self.observed[0], self.places[0]
+        kept, stands, nearest = np.arange(len(place)), np.ones(len(place)), np.arange(len(place))
         if thinned:
-            kept, stands = self._thinned(cells)
+            kept, stands, nearest = self._thinned(cells)
             original = Observation(original.camera, original.rays[kept], original.colour[kept])
-            place = place[kept]
         view = linear_view(Renderer(self.lift(grid), self.decoders, self.render), original, *self.observed[1:])
         planar, steps = replace(self.planar, cg_steps=config.cg_steps), config.solver_steps * (2 if thinned else 1)
-        colours = refine(view, colours, planar, steps)
-        error = np.square(np.clip(predicted(view, colours), 0, 1) - view.target).sum(1, dtype=np.float64)
-        error[: len(stands)] *= stands
-        return colours, Residual(
-            np.concatenate([place, *self.places[1:]]), error, len(stands), len(self.observed[0].rays)
-        )
+        colours, _, seen = refine(view, colours, planar, steps)
+        lacking = view.target - np.clip(seen, 0, 1)
+        squared = np.square(lacking).sum(1, dtype=np.float64)
+        squared[: len(kept)] *= stands
+        where = np.concatenate([place[kept], *self.places[1:]])
+        image = self._painted(lacking[: len(kept)][np.searchsorted(kept, nearest)], lacking[len(kept) :])
+        return colours, Residual(where, squared, len(kept), len(place), image)
 
-    def _thinned(self, cells: Cells) -> tuple[NDArray[np.int64], Float64Array]:
-        """Which rays of the original to keep, and how many pixels each of them stands for."""
+    def _painted(self, original: Float32Array, margin: Float32Array) -> Float32Array:
+        """What every ray lacks as an image of the canvas: of the original [P, 3], and of the margin's rays."""
+        height, width = self.canvas.depth.shape
+        image = np.zeros((height, width, 3), np.float32)
+        for outer in self.observed[1:]:
+            size = (outer.camera.height, outer.camera.width, 3)
+            small = np.zeros((size[0] * size[1], 3), np.float32)
+            small[outer.rays] = np.float32(math.sqrt(self.planar.placement.margin_importance)) * margin
+            image[:] = cv2.resize(small.reshape(size), (width, height), interpolation=cv2.INTER_NEAREST)
+        inner = image[self.canvas.original]
+        inner[:] = original.reshape(inner.shape)
+        return image
+
+    def _thinned(self, cells: Cells) -> tuple[NDArray[np.int64], Float64Array, NDArray[np.int64]]:
+        """Which rays of the original to keep, how many pixels each of them stands for, and who stands for each."""
         place, rays = self.places[0], self.observed[0].rays
         height, width = self.canvas.depth.shape
         coarse = cells.sizes[cell_of_pixel(cells, width, height).ravel()[place]] >= _COARSE
         across = self.observed[0].camera.width
-        (kept,) = np.nonzero(~coarse | ((rays % across % 2 == 0) & (rays // across % 2 == 0)))
+        even = (rays % across % 2 == 0) & (rays // across % 2 == 0)
+        (kept,) = np.nonzero(~coarse | even)
         share = int(coarse.sum()) / max(1, int(coarse[kept].sum()))
-        return kept, np.where(coarse[kept], share, 1.0)
+        nearest = np.where(coarse, rays // across // 2 * 2 * across + rays % across // 2 * 2, rays)
+        return kept, np.where(coarse[kept], share, 1.0), nearest
 
     def merits(self, cells: Cells, residual: Residual) -> tuple[Float64Array, Float64Array]:
         """What splitting each cell promises, [N], zero for cells of one pixel; and what it should take off the input
@@ -128,8 +148,9 @@ class Fitter:
         weight = weight[len(weight) - len(of_ray) :]  # of the original, whose weight is one, there may be fewer
         erring = np.bincount(of_ray, residual.squared * weight, n)
         edges = np.bincount(where, self.edges.ravel(), n)
-        # The shares are estimates: half of their logarithm is trusted, which ranks best (measured).
-        merit = erring * np.sqrt(share) + np.where(erring > 0, edges, 0)
+        # Two estimates of what a split takes off: from the image alone (half of its logarithm is trusted, which ranks
+        # best) and from what this fit lacks. Together they are better than either (measured).
+        merit = np.sqrt(erring * np.sqrt(share) * captured(cells, residual.lacking)) + np.where(erring > 0, edges, 0)
         inside = slice(residual.inside)
         removed = np.bincount(of_ray[inside], residual.squared[inside], n) * share
         return np.asarray(np.where(cells.sizes > 1, merit, 0)), np.asarray(removed, np.float64)

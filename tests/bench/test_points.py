@@ -44,6 +44,8 @@ def _differences(a: dict[str, Any], b: dict[str, Any], head: str) -> list[tuple[
         ("max_anchors=9000", {"growth.max_anchors": 9000}),
         ("price=0.05", {"growth.price": 0.05}),
         ("placement=grid", {"planar.placement.kind": "grid"}),
+        ("placement=quadtree", {"planar.placement.kind": "quadtree"}),
+        ("placement=growth", {}),
         ("hits=8", {"render.max_hits": 8}),
         ("decode=per_hit", {"render.decode": "per_hit", "render.window": 2}),
         ("decode=layered", {}),

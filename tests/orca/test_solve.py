@@ -21,10 +21,11 @@ from orca.render.renderer import Renderer
 from orca.render.selector import select_brute_force
 from orca.stages.canvas import Canvas
 from orca.stages.deform import deform
+from orca.stages.forward import forward
 from orca.stages.linear import linear_view
 from orca.stages.observations import Observation, observations
 from orca.stages.planar import place, planar_anchors
-from orca.stages.solve import solve_colours
+from orca.stages.solve import solve, solve_colours
 from tests.orca.stage_inputs import bare_canvas, picture, psnr, view
 
 GRID = PlanarConfig(placement=PlacementConfig(kind="grid"))
@@ -95,10 +96,8 @@ def test_the_linear_view_is_what_the_renderer_shows(render: RenderConfig) -> Non
     renderer = Renderer(anchors, analytic_decoders(6.0, torch.Generator().manual_seed(0)), render)
     side = view(40, 40, x=0.25)
     system = linear_view(renderer, Observation(side, np.arange(1600), np.zeros((1600, 3), np.float32)))
-    logits = system.weights.times(anchors.features[:, :COLOUR_CHANNELS].numpy())
-    np.testing.assert_allclose(
-        system.gather(1 / (1 + np.exp(-logits))), renderer.render(side).rgb.reshape(-1, 3), atol=2e-5
-    )
+    seen = forward(system, anchors.features[:, :COLOUR_CHANNELS].numpy()).seen
+    np.testing.assert_allclose(seen, renderer.render(side).rgb.reshape(-1, 3), atol=2e-5)
 
 
 def test_a_view_of_some_rays_is_those_rows_of_the_whole() -> None:
@@ -109,7 +108,7 @@ def test_a_view_of_some_rays_is_those_rows_of_the_whole() -> None:
 
     def shown(rays: np.ndarray) -> np.ndarray:
         part = linear_view(renderer, Observation(observation.camera, rays, observation.colour[rays]))
-        return part.gather(part.weights.times(x))
+        return forward(part, x).seen
 
     np.testing.assert_allclose(shown(chosen), shown(observation.rays)[chosen], atol=1e-6)
 
@@ -204,3 +203,38 @@ def test_draft_beats_the_regular_grids_optimum(
     record_property("psnr_db", reached)
     assert 65_000 < len(solved) <= 65_536
     assert reached >= regular_grid_optimum
+
+
+def test_what_rays_lack_is_the_gradient_by_the_samples() -> None:
+    """Against finite differences of the squared error, two layers deep."""
+    camera = view(12, 12)
+    depth = np.full((12, 12), 2.0, np.float32)
+    depth[3:9, 3:9] = 1.2
+    anchors, (observation,) = prepared(bare_canvas(picture(12, 12), depth), GRID)
+    anchors = deform(anchors, depth, camera, DeformConfig())
+    system = linear_view(
+        Renderer(anchors, analytic_decoders(6.0, torch.Generator().manual_seed(0)), LAYERED), observation
+    )
+    x = np.random.default_rng(0).normal(size=(len(anchors), 3)).astype(np.float32)
+    gradient = system.weights.transposed_times(forward(system, x).missing)
+
+    def half_error(logits: np.ndarray) -> float:
+        seen = forward(system, logits.astype(np.float32)).seen.astype(np.float64)
+        return 0.5 * float(np.square(seen - system.target).sum())
+
+    for anchor, channel in ((5, 0), (14, 1), (21, 2), (35, 0)):
+        step = np.zeros_like(x)
+        step[anchor, channel] = 1e-2
+        slope = (half_error(x + step) - half_error(x - step)) / 2e-2
+        assert -gradient[anchor, channel] == pytest.approx(slope, abs=2e-4, rel=2e-2)
+
+
+def test_it_says_how_well_it_began_and_ended() -> None:
+    anchors, observed = prepared(bare_canvas(picture(32, 32)), GRID)
+    decoders = analytic_decoders(15.0, torch.Generator().manual_seed(0))
+    found = solve(anchors, decoders, observed, GRID, LAYERED)
+    again = solve(found.anchors, decoders, observed, GRID, LAYERED)
+    assert found.after > found.before + 3
+    assert again.before == pytest.approx(found.after, abs=1e-6)
+    shown = Renderer(found.anchors, decoders, LAYERED).render(observed[0].camera).rgb
+    assert psnr(np.clip(shown, 0, 1).reshape(-1, 3), observed[0].colour) == pytest.approx(found.after, abs=1e-2)
