@@ -57,9 +57,10 @@ hub's cache or in `--weights-dir` is used.
 ## Known vulnerabilities
 
 `pip freeze --exclude-editable > installed.txt && pip-audit --no-deps --disable-pip -r installed.txt` compares what is
-installed with the advisories of PyPI. **It has not been done**: where this was written the reachable index has no
-advisories, and pip-audit 2.10.1 skipped all 160 packages (it then prints "No known vulnerabilities found", which is no
-result). Run it where pypi.org can be reached, before a release.
+installed with the advisories of PyPI. **It has not been done.** Tried on 22 November 2026, the reachable index had no
+advisories and pip-audit 2.10.1 skipped all 160 packages (it then prints "No known vulnerabilities found", which is no
+result). Tried again on 28 November 2026: it skips pillow 8.0.0 and urllib3 1.24 as well, which are known to be
+vulnerable, and `-s osv` cannot resolve api.osv.dev. Run it where pypi.org itself can be reached, before a release.
 
 What could be done there, in an environment of its own, is the same against an **old** list (22 November 2026):
 
