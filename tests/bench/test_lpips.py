@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from bench.adapters.adapter import MethodOutput
 from bench.datasets.case import TrueView
+from bench.metrics.fidelity import resize_to
 from bench.metrics.lpips import LPIPS_ALEX, LPIPS_VGG, Lpips, LpipsVgg, LpipsWeights
 from bench.metrics.metric import MetricInput, Score
 from orca.errors import BadInput, Unavailable
@@ -152,6 +153,29 @@ def test_damage_outside_the_mask_is_felt_by_the_whole_only(alex: tuple[Path, dic
     found = compute(Lpips(), alex[0], image, render, hidden)
     assert found["lpips"].value > 1e-5  # type: ignore[operator]
     assert found["hole_lpips"].value < 0.01 * found["lpips"].value  # type: ignore[operator]
+
+
+@pytest.mark.parametrize("level", [0, 128, 255])
+def test_grey_and_constant_pictures(alex: tuple[Path, dict[str, Any]], level: int) -> None:
+    """No structure divides by nothing: equal greys are 0 apart, a grey from a picture what the formula says."""
+    grey = np.full((H, W, 3), level, np.uint8)
+    assert compute(Lpips(), alex[0], grey, grey)["lpips"].value == 0.0
+    image = smooth_image(H, W)
+    found = compute(Lpips(), alex[0], image, grey, half())
+    whole, here = independent_map("alex", alex[1], grey, image)
+    assert found["lpips"].value == pytest.approx(whole[0, 0], rel=1e-4)
+    assert found["hole_lpips"].value == pytest.approx(here[half()].mean(), rel=1e-4)
+
+
+def test_a_picture_of_another_size_is_brought_to_that_of_the_truth(alex: tuple[Path, dict[str, Any]]) -> None:
+    """By the rule that the spec states, before anything is compared: the score is that of the resized picture."""
+    image = smooth_image(H, W)
+    for size in ((W - 1, H), (W // 2, H // 2), (2 * W, 3 * H)):
+        other = cv2.resize(image, size, interpolation=cv2.INTER_AREA)
+        found = compute(Lpips(), alex[0], image, other)["lpips"].value
+        same = compute(Lpips(), alex[0], image, resize_to(other, W, H))["lpips"].value
+        assert found == same
+        assert found < 0.5 * compute(Lpips(), alex[0], image, noise_image(H, W))["lpips"].value  # type: ignore[operator]
 
 
 def test_reasons(alex: tuple[Path, dict[str, Any]]) -> None:
