@@ -64,7 +64,7 @@ class RepairRules:
     detail_gain: float = 0.3
     context: int = 84
     patch_radius: int = 6
-    patch_matches: int = 12
+    patch_matches: int = 30
     min_donors: int = 32
     donor_percentile: float = 78.0
     covariance_scale: float = 1.7
