@@ -132,29 +132,32 @@ def locate(model: HubModel, access: ModelAccess) -> Path:
     if access.weights_dir is not None:
         return _in_weights_dir(model, access.weights_dir)
     try:
-        from huggingface_hub import constants, snapshot_download
+        from huggingface_hub import constants
     except ImportError as error:
         raise Unavailable(
             f"{model.title}: the package huggingface_hub is not installed",
             "the optional dependencies 'models'",
             "pip install 'orca-nvs[models]'",
         ) from error
-    revision = model.chosen_revision()
-    cached = _in_cache(model, Path(constants.HF_HUB_CACHE), revision or "main")
+    revision, cache = model.chosen_revision(), constants.HF_HUB_CACHE
+    cached = _in_cache(model, Path(cache), revision or "main")
     if cached is not None:
         return cached
     if access.local_files_only or constants.HF_HUB_OFFLINE:
-        raise _unavailable(model, f"not in the hub's cache {constants.HF_HUB_CACHE}, and downloads are off")
+        raise _unavailable(model, f"not in the hub's cache {cache}, and downloads are off")
     if revision is None:
-        raise _unavailable(
-            model,
-            f"not in the hub's cache {constants.HF_HUB_CACHE}, and no commit of it is pinned",
-            f"set {model.variable} to a commit (or to main, which moves), ",
-        )
+        first = f"set {model.variable} to a commit (or to main, which moves), "
+        raise _unavailable(model, f"not in the hub's cache {cache}, and no commit of it is pinned", first)
     problem = _hub_problem(constants.ENDPOINT)
     if problem is not None:
-        raise _unavailable(model, f"not in the hub's cache {constants.HF_HUB_CACHE}, and {problem}")
-    _log.warning("downloading %s (about %d MB) from %s, once", model.title, model.megabytes, constants.ENDPOINT)
+        raise _unavailable(model, f"not in the hub's cache {cache}, and {problem}")
+    return _downloaded(model, revision, constants.ENDPOINT)
+
+
+def _downloaded(model: HubModel, revision: str, endpoint: str) -> Path:
+    from huggingface_hub import snapshot_download
+
+    _log.warning("downloading %s (about %d MB) from %s, once", model.title, model.megabytes, endpoint)
     if not re.fullmatch(r"[0-9a-f]{40}", revision):
         _log.warning("%s follows the branch %s: what it is may change", model.title, revision)
     try:
