@@ -155,12 +155,20 @@ class _Loop:
             view = int(np.argmax(self.areas))
             components = connected_components(self.missing[view], self.rules.min_component_area, self.rules.bridge)
             if not components:
-                return records, "no disocclusion of the smallest area is left"
+                return records, self._why("no disocclusion of the smallest area is left")
+            share = self.areas[view] / self.missing[view].size
+            if share < self.rules.enough:
+                return records, self._why(f"no view misses more than {share:.2%}: under {self.rules.enough:.2%}")
             component, decision = order(components, self.budget, self.rules)[0]
             if decision.kind == "generative" and self.priors is None:
                 decision = Decision("local", "no_inpainter", f"{decision.reason}, but there is no inpainter to ask")
             records.append(self._repair_one(len(records), view, component, decision))
-        return records, f"the limit of {self.rules.max_iterations} repairs was reached"
+        return records, self._why(f"the limit of {self.rules.max_iterations} repairs was reached")
+
+    def _why(self, stopped: str) -> str:
+        """Why repair stopped, and which views could not be repaired since nothing of the scene is in them."""
+        blind = [str(self.indices[i]) for i, missing in enumerate(self.open) if missing.all()]
+        return stopped + (f"; nothing of the scene is in view {', '.join(blind)}" if blind else "")
 
     def _missing(self, view: int, changed: Box) -> NDArray[np.bool_]:
         """Missing pixels of a view in components that are large enough, without those given up.

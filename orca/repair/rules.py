@@ -46,6 +46,8 @@ class RepairRules:
         max_anchors: P. Most anchors that one repair inserts.
         max_steps: P. Most optimisation steps that one repair takes.
         max_iterations: O. Most repairs of a scene.
+        enough: O. No more are made where no view misses as large a share of its pixels as this; 0 goes on until only
+            components under ``min_component_area`` are left.
     """
 
     alpha_threshold: float = 0.8
@@ -72,6 +74,7 @@ class RepairRules:
     max_anchors: int = 5000
     max_steps: int = 24
     max_iterations: int = 64
+    enough: float = 0.0
 
     def __post_init__(self) -> None:
         bounds: dict[str, tuple[float, float]] = {
@@ -99,6 +102,7 @@ class RepairRules:
             "max_anchors": (1, math.inf),
             "max_steps": (0, math.inf),
             "max_iterations": (0, math.inf),
+            "enough": (0.0, 1.0),
         }
         for name, (low, high) in bounds.items():
             value = getattr(self, name)

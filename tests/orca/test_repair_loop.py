@@ -14,7 +14,7 @@ from orca.pipeline import Reconstruction, reconstruct
 from orca.render import Renderer
 from orca.repair.hide import InputSurface
 from orca.repair.insert import InsertConfig
-from orca.repair.loop import repair, watched_indices
+from orca.repair.loop import RepairResult, repair, watched_indices
 from orca.repair.views import WatchedViews, crop_camera
 from orca.scene import Scene
 from tests.orca.repair_scenes import FAR, NEAR, estimate, input_camera, picture, sideways, small_config
@@ -153,6 +153,23 @@ def test_a_view_that_sees_nothing_ends_in_a_scene(unrepaired: Scene) -> None:
         unrepaired.anchors, unrepaired.decoders, blind, config.repair, config.render, InsertConfig(), input_camera()
     )
     assert len(result.anchors) > len(unrepaired.anchors)
+    assert f"nothing of the scene is in view {len(blind) - 1}" in result.ledger.stopped
+
+
+def test_repair_ends_where_little_enough_is_missing(unrepaired: Scene) -> None:
+    config = small_config()
+
+    def repaired_until(enough: float) -> RepairResult:
+        until = replace(config.repair, rules=replace(config.repair.rules, enough=enough))
+        path = sideways(0.12)
+        return repair(
+            unrepaired.anchors, unrepaired.decoders, path, until, config.render, InsertConfig(), input_camera()
+        )
+
+    whole, none = repaired_until(0.0), repaired_until(0.9)
+    assert "smallest area" in whole.ledger.stopped
+    assert len(whole.ledger) > len(none.ledger) == 0
+    assert "under 90.00%" in none.ledger.stopped
 
 
 @pytest.mark.parametrize(("frames", "views", "expected"), [(5, 0, [0, 1, 2, 3, 4]), (5, 9, [0, 1, 2, 3, 4])])
