@@ -271,8 +271,8 @@ class RepairConfig:
     """
 
     enabled: bool = True
-    views: int = 12
-    rules: RepairRules = field(default_factory=lambda: RepairRules(max_steps=3, max_iterations=60))
+    views: int = 25
+    rules: RepairRules = field(default_factory=lambda: RepairRules(max_steps=3, max_iterations=150, enough=0.004))
     fill: Literal["paper", "smooth", "structure"] = "structure"
     inpainter: str = "auto"
     generative: GenerativeConfig = field(default_factory=GenerativeConfig)
