@@ -12,7 +12,7 @@ import math
 import os
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
@@ -26,6 +26,7 @@ from bench.datasets.case import SceneCase, TrueView
 from bench.metrics import METRICS
 from bench.metrics.metric import MetricInput, Score
 from orca.errors import OrcaError, Unavailable
+from tests.bench.all_weights import write_all_weights
 from tests.bench.small_cases import camera_of, make_case, noise_image, plane, shifted_pose, smooth_image
 
 HERE = Path(__file__).parent
@@ -235,6 +236,7 @@ REFUSED: dict[str, Callable[[], tuple[SceneCase, MethodOutput]]] = {
     "one frame too few": lambda: (case_of(), good_output(N - 1)),
     "float frames with NaN": lambda: (case_of(), float_frames()),
 }
+NEED_WEIGHTS = {"Niqe", "Musiq", "ClipIqa", "ClipIqaOpenClip", "Lpips", "LpipsVgg", "Llava"}
 FAMILIES = {METRICS.get(name).__name__: METRICS.get(name) for name in METRICS}
 
 
@@ -257,30 +259,59 @@ def check(scores: dict[str, Score], specs: Any) -> None:
         json.dumps([score.detail, score.per_frame, score.value], allow_nan=False)
 
 
+@pytest.fixture(scope="module")
+def weights(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
+    """A folder with random weights for every metric that needs some, in the form of the published files."""
+    folder = tmp_path_factory.mktemp("weights")
+    with pytest.MonkeyPatch.context() as patch:
+        write_all_weights(folder, patch)
+        yield folder
+
+
+@cache
+def metric_of(family: str) -> Any:
+    """One for all tests: it loads its network once."""
+    return FAMILIES[family]()
+
+
 @pytest.mark.parametrize("what", INPUTS)
 @pytest.mark.parametrize("family", FAMILIES)
-def test_any_output_that_passes_the_checks_has_a_value_or_a_reason(family: str, what: str) -> None:
-    metric, (case, output) = FAMILIES[family](), INPUTS[what]()
-    specs = metric.specs(None)
-    try:
-        scores = metric.compute(MetricInput(case, output))
-    except Unavailable as error:
-        assert "--weights-dir" in f"{error.allowed} {error.fix}"  # noqa: PT017 - a metric without its weights
-        return
+@pytest.mark.filterwarnings("ignore:`torch.jit:FutureWarning")  # the format of CLIP's published file
+def test_any_output_that_passes_the_checks_has_a_value_or_a_reason(family: str, what: str, weights: Path) -> None:
+    metric, (case, output) = metric_of(family), INPUTS[what]()
+    specs = metric.specs(weights)
+    scores = metric.compute(MetricInput(case, output, weights))
     assert set(scores) == {spec.id for spec in specs}
     check(scores, specs)
+    if family in NEED_WEIGHTS - {"Niqe"} and what in ("good", "one frame"):  # NIQE wants larger frames: test_niqe
+        assert any(score.value is not None for score in scores.values()), [score.reason for score in scores.values()]
+
+
+def test_every_metric_that_needs_weights_names_the_folder_without_them() -> None:
+    """... and no other does: the matrix above leaves nothing out."""
+    found = set()
+    for family, metric in FAMILIES.items():
+        try:
+            metric().compute(MetricInput(case_of(), good_output()))
+        except Unavailable as error:
+            assert "--weights-dir" in f"{error.allowed} {error.fix}", family  # noqa: PT017
+            found.add(family)
+    assert found == NEED_WEIGHTS
 
 
 @pytest.mark.parametrize("what", REFUSED)
 @pytest.mark.parametrize("family", FAMILIES)
-def test_impossible_output_is_a_typed_error_or_a_reason(family: str, what: str) -> None:
+@pytest.mark.filterwarnings("ignore:`torch.jit:FutureWarning")
+def test_impossible_output_is_a_typed_error_or_a_reason(family: str, what: str, weights: Path) -> None:
     """The bench refuses such output before it is scored (`bench.checks`); a metric called alone must not crash."""
-    metric, (case, output) = FAMILIES[family](), REFUSED[what]()
+    metric, (case, output) = metric_of(family), REFUSED[what]()
     try:
-        scores = metric.compute(MetricInput(case, output))
+        scores = metric.compute(MetricInput(case, output, weights))
+    except Unavailable as error:
+        pytest.fail(f"{family} found no weights, so nothing was tried: {error}")
     except OrcaError:
         return
-    check(scores, metric.specs(None))
+    check(scores, metric.specs(weights))
 
 
 SCORE_ALL = """

@@ -82,13 +82,17 @@ def test_a_prior_of_another_size_is_bad_input(tmp_path: Path) -> None:
         compute(CASE.image[None], tmp_path)
 
 
-@pytest.fixture
-def made_up_prior(tmp_path: Path) -> Path:
+def write_prior(folder: Path) -> None:
     """A prior of the right form with made-up numbers: enough to compare two implementations without real weights."""
     rng = np.random.default_rng(5)
     root = rng.normal(size=(36, 36))
     content = {"mu_prisparam": rng.uniform(0, 3, 36)[None], "cov_prisparam": root @ root.T / 36 + np.eye(36)}
-    savemat(tmp_path / "niqe_modelparameters.mat", content)
+    savemat(folder / "niqe_modelparameters.mat", content)
+
+
+@pytest.fixture
+def made_up_prior(tmp_path: Path) -> Path:
+    write_prior(tmp_path)
     return tmp_path
 
 
