@@ -30,12 +30,13 @@ from orca.scene import Scene
 from orca.stages.canvas import Canvas, make_canvas
 from orca.stages.deform import cleaned_depth, deform, log_depth_slopes, sample_depth
 from orca.stages.growth import grow
-from orca.stages.observations import MARGIN_RESOLUTION, Observation, observations
+from orca.stages.observations import GROWTH_RESOLUTION, MARGIN_RESOLUTION, Observation, observations
 from orca.stages.planar import PlanarGrid, place, planar_anchors, rest_positions
 from orca.stages.prune import reached
 from orca.stages.rims import shrink_rims
 from orca.stages.solve import solve, with_colours
 from orca.stages.train import TrainPlan, train
+from orca.threads import single_threaded_blas
 
 __all__ = ["Reconstruction", "reconstruct"]
 
@@ -113,16 +114,8 @@ def reconstruct(
     observed = observations(canvas, MARGIN_RESOLUTION)
     run.timed("canvas", started)
 
-    started = time.perf_counter()
-    surface = cleaned_depth(canvas.depth, config.deform)  # the depth that anchors are moved to
-    grid, colours = _placed(canvas, surface, observed, run)
-    planar, decoders, encoding = _stage_planar(canvas, grid, colours, observed, run)
-    run.timed("planar", started)
-
-    started = time.perf_counter()
-    lifted = _stage_deform(planar, decoders, encoding, canvas, surface, grid, observed, run)
-    lifted = _pruned(lifted, decoders, (camera, *trajectory), run)
-    run.timed("deform", started)
+    with single_threaded_blas():  # products of [N, 3] by [3, 3]: a second core costs more than it does
+        lifted, decoders = _fitted(canvas, (camera, *trajectory), observed, run)
 
     started = time.perf_counter()
     anchors, ledger = _stage_repair(lifted, decoders, image, camera, trajectory, seed, priors, run)
@@ -160,9 +153,24 @@ def _check(image: Float32Array, camera: Camera, depth: DepthEstimate, trajectory
         raise BadInput("an input camera that is not at the origin", "the identity pose", "move the trajectory instead")
 
 
-def _placed(
-    canvas: Canvas, depth: Float32Array, observed: Sequence[Observation], run: _Run
-) -> tuple[PlanarGrid, Float32Array | None]:
+def _fitted(
+    canvas: Canvas, views: Sequence[Camera], observed: Sequence[Observation], run: _Run
+) -> tuple[GaussianAnchors, Decoders]:
+    """Stages 1 and 2, without the anchors that no view reaches."""
+    started = time.perf_counter()
+    surface = cleaned_depth(canvas.depth, run.config.deform)  # the depth that anchors are moved to
+    grid, colours = _placed(canvas, surface, run)
+    planar, decoders, encoding = _stage_planar(canvas, grid, colours, observed, run)
+    run.timed("planar", started)
+
+    started = time.perf_counter()
+    lifted = _stage_deform(planar, decoders, encoding, canvas, surface, grid, observed, run)
+    lifted = _pruned(lifted, decoders, views, run)
+    run.timed("deform", started)
+    return lifted, decoders
+
+
+def _placed(canvas: Canvas, depth: Float32Array, run: _Run) -> tuple[PlanarGrid, Float32Array | None]:
     """Where the anchors sit: the preset's count at once, or grown as far as target, count or price ask for.
 
     To the preset's count anchors grow on the plane, which is stage 1's fit. With a limit on quality or a price they
@@ -179,7 +187,7 @@ def _placed(
 
     growth = grow(
         canvas,
-        observed,
+        observations(canvas, GROWTH_RESOLUTION),
         (lambda grid: _lift(flat(grid), grid, depth, canvas, config)) if config.growth.wanted else flat,
         config.planar,
         config.render,

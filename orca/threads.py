@@ -14,7 +14,15 @@ import numba
 import torch
 from threadpoolctl import ThreadpoolController
 
-__all__ = ["Kernel", "in_serial_mode", "kernel", "map_on_cores", "multi_threaded_torch", "single_threaded_torch"]
+__all__ = [
+    "Kernel",
+    "in_serial_mode",
+    "kernel",
+    "map_on_cores",
+    "multi_threaded_torch",
+    "single_threaded_blas",
+    "single_threaded_torch",
+]
 
 P = ParamSpec("P")
 R = TypeVar("R")

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 
 from orca.conventions import Float32Array, Float64Array
-from orca.stages.placement import Cells
+from orca.stages.placement import Cells, cell_sums
 
 __all__ = ["captured"]
 
@@ -25,7 +25,7 @@ def captured(cells: Cells, error: Float32Array) -> Float64Array:
     sides = [int(side) for side in np.unique(cells.sizes)]
     largest = sides[-1]
     padded = np.pad(error, ((0, -error.shape[0] % largest), (0, -error.shape[1] % largest), (0, 0)))
-    held = {1 << level: _held(padded, 1 << level) for level in range(largest.bit_length())}
+    held = _held(padded, largest)
     out = np.zeros(len(cells.sizes))
     for side in sides:
         (some,) = np.nonzero(cells.sizes == side)
@@ -34,15 +34,18 @@ def captured(cells: Cells, error: Float32Array) -> Float64Array:
         while finer > 1:
             finer //= 2
             across = side // finer
-            rows, columns = held[side].shape
-            below = held[finer].reshape(rows, across, columns, across).sum((1, 3))
-            gain = (below - held[side])[row, column] * 3 / (across**2 - 1)
+            gain = (cell_sums(held[finer], across) - held[side])[row, column] * 3 / (across**2 - 1)
             out[some] = np.maximum(out[some], gain)
     return out
 
 
-def _held(error: Float32Array, side: int) -> Float64Array:
-    """Squared error that the mean of each square of ``side`` pixels holds, [H / side, W / side]."""
-    size = (error.shape[1] // side, error.shape[0] // side)
-    means = error if side == 1 else cv2.resize(error, size, interpolation=cv2.INTER_AREA)
-    return np.asarray(np.square(means).sum(2, dtype=np.float64) * side**2)
+def _held(error: Float32Array, largest: int) -> dict[int, Float64Array]:
+    """By side up to the largest: squared error that the mean of each square of it holds, [H / side, W / side]."""
+    out, means, side = {}, error, 1
+    while side <= largest:
+        if side > 1:
+            size = (means.shape[1] // 2, means.shape[0] // 2)
+            means = np.asarray(cv2.resize(means, size, interpolation=cv2.INTER_AREA), np.float32)
+        out[side] = np.asarray(np.einsum("hwc,hwc->hw", means, means) * np.float64(side**2))
+        side *= 2
+    return out

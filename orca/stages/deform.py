@@ -187,12 +187,12 @@ def log_depth_slopes(depth: NDArray[Any], pixels: Float64Array, camera: Camera, 
     # Beyond the border the depth goes on as it came, so that a slope has the same slope there.
     padded = np.pad(np.log(depth), 5, mode="reflect", reflect_type="odd")
     log = np.asarray(cv2.GaussianBlur(padded, (0, 0), 1.0))[4:-4, 4:-4]
-    here = log[1:-1, 1:-1]
-    along_x = _smaller(here - log[1:-1, :-2], log[1:-1, 2:] - here) * camera.K[0, 0]
-    along_y = _smaller(here - log[:-2, 1:-1], log[2:, 1:-1] - here) * camera.K[1, 1]
-    column = np.clip(pixels[:, 0].astype(int), 0, depth.shape[1] - 1)
-    row = np.clip(pixels[:, 1].astype(int), 0, depth.shape[0] - 1)
-    slope = np.stack([along_x[row, column], along_y[row, column]], 1)
+    column = np.clip(pixels[:, 0].astype(int), 0, depth.shape[1] - 1) + 1
+    row = np.clip(pixels[:, 1].astype(int), 0, depth.shape[0] - 1) + 1
+    here = log[row, column]
+    along_x = _smaller(here - log[row, column - 1], log[row, column + 1] - here) * camera.K[0, 0]
+    along_y = _smaller(here - log[row - 1, column], log[row + 1, column] - here) * camera.K[1, 1]
+    slope = np.stack([along_x, along_y], 1)
     steep = np.linalg.norm(slope, axis=1, keepdims=True) > max_slope
     return np.where(steep, 0.0, slope)
 

@@ -11,10 +11,13 @@ from orca.camera import Camera
 from orca.conventions import Float32Array
 from orca.stages.canvas import Canvas
 
-__all__ = ["MARGIN_RESOLUTION", "Observation", "observations"]
+__all__ = ["GROWTH_RESOLUTION", "MARGIN_RESOLUTION", "Observation", "observations"]
 
 MARGIN_RESOLUTION = 4.0
 """The outpainted margin is blurred; its anchors need no finer observations than this spacing in pixels."""
+
+GROWTH_RESOLUTION = 8.0
+"""The same while anchors grow: where to split is seen as well, and the margin costs a fifth and not half of a fit."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -190,16 +190,17 @@ def test_twice_the_same() -> None:
     np.testing.assert_array_equal(first.colours, second.colours)
 
 
-def test_the_margin_starts_from_coarser_cells_where_it_has_no_depth_edge() -> None:
-    depth = np.ones((96, 96), np.float32)
-    depth[:, 80:] = 2.0
-    canvas = Canvas(np.full((96, 96, 3), 0.5, np.float32), depth, repair_scenes.input_camera().padded(16, 16, 16, 16),
-                    (16, 16, 16, 16))  # fmt: skip
+def test_the_margin_starts_from_coarser_cells_away_from_frame_and_depth_edges() -> None:
+    depth = np.ones((128, 128), np.float32)
+    depth[:, 112:] = 2.0
+    canvas = Canvas(np.full((128, 128, 3), 0.5, np.float32), depth, repair_scenes.input_camera().padded(32, 32, 32, 32),
+                    (32, 32, 32, 32))  # fmt: skip
     cells = tree_by_need(canvas, PlacementConfig(margin_cell=16)).cells(2000)
-    size = cells.sizes[cell_of_pixel(cells, 96, 96)]
-    assert (size[:16, :64] == 16).all()
-    assert (size[16:80, 16:72] <= 8).all()
-    assert (size[:, 79:81] <= 8).all()
+    size = cells.sizes[cell_of_pixel(cells, 128, 128)]
+    assert (size[:16, :96] == 16).all()
+    assert (size[16:32, 16:96] == 8).all()  # beside the frame
+    assert (size[32:96, 32:96] <= 8).all()
+    assert (size[:, 111:113] <= 8).all()
 
 
 @pytest.mark.parametrize("limits", [{"target_psnr": 0.0}, {"max_anchors": -5}, {"price": float("nan")}])
