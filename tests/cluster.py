@@ -122,7 +122,7 @@ def main() -> int:
     """Both runs, or one of them."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--scenes", type=int, default=8, metavar="N", help="of the synthetic data set (8)")
-    parser.add_argument("--size", type=int, default=256, metavar="PX", help="side of a scene (256)")
+    parser.add_argument("--size", type=int, default=512, metavar="PX", help="side of a scene (512)")
     parser.add_argument("--report", action="store_true", help=f"write the result into {REPORT.name} of reports/scale")
     parser.add_argument("--run", type=Path, help=argparse.SUPPRESS)
     parser.add_argument("--address", help=argparse.SUPPRESS)

@@ -86,3 +86,6 @@ def test_the_table_is_made_of_the_log(tmp_path: Path) -> None:
     assert "| spec | `parse_external`, `parse_depth_spec` | 2.0 | 3.0 | 1,234 | 2 |" in text
     assert "| all | | 2.0 | 3.0 | 1,234 | |" in text
     assert text.count("| 0.0 | 0.0 | 0 | 0 |") == len(TARGETS) - 1
+    assert f"0 of {len(TARGETS)} targets have had ten minutes" in text
+    log.write_text(f"{json.dumps({**piece, 'cpu_seconds': 600.0})}\n")
+    assert f"1 of {len(TARGETS)} targets have had ten minutes" in write_report(log, tmp_path).read_text()

@@ -112,7 +112,7 @@ def test_memory_of_a_scene_does_not_grow(tmp_path: Path, monkeypatch: pytest.Mon
         peaks.append(_peak_kb(partial(scale.step, step, folder, scenes)))
     _, few, more, most = peaks
     assert (most - more) / 300 <= 1.1 * max(0.0, more - few) / 50 + 5 / 300
-    assert most / 400 < 100  # kB; a result file is 30 kB
+    assert most / 400 < 100  # kB; a result file is 8 kB
 
 
 def test_a_folder_of_inputs_is_looked_through_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -23,8 +23,9 @@ fuzz() {
     child=$!
     wait "$child"
 }
-for target in run image colmap spec trajectory pickle nerfstudio ply archive; do fuzz "$target"; done
-# the rest, and whatever was added meanwhile; again, for what a fix or a crash left short
+# first those that had least before, and new ones; then the rest; again, for what a fix or a crash left short
+first="run image colmap spec trajectory pickle nerfstudio ply archive chat niqe weights options"
+for target in $first; do fuzz "$target"; done
 for target in $(targets); do fuzz "$target"; done
 for target in $(targets); do fuzz "$target"; done
 echo done
