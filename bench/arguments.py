@@ -119,12 +119,14 @@ def add_anchors(parser: argparse.ArgumentParser) -> None:
 def add_speed(parser: argparse.ArgumentParser) -> None:
     parser.description = "Time renderer and trainer, fast against reference in one process, on an embedded photograph."
     names: dict[str, Any] = {"action": "append", "metavar": "A,B"}
-    parser.add_argument("--cases", **names, help="frame, fit, step, stage3 (these), init, musiq, clipiqa")
+    parser.add_argument("--cases", **names, help="frame, fit, step, stage3 (these), init, scenes, tsed, musiq, clipiqa")
     parser.add_argument("--quick", action="store_true", help="under a minute, without peak memory (else half an hour)")
     parser.add_argument("--out", type=Path, metavar="DIR", help="write tables, rows and the chart there too")
-    chart = parser.add_argument_group("the case init")
-    chart.add_argument("--scenes", **names, help="scenes (the data set's first three)")
-    chart.add_argument("--iterations", type=int, default=500, metavar="N", help="gradient steps of each fit (500)")
+    chart = parser.add_argument_group("the cases init and scenes")
+    chart.add_argument("--scenes", **names, help="scenes (init: the data set's first three; scenes: all)")
+    chart.add_argument(
+        "--iterations", type=int, default=500, metavar="N", help="gradient steps of each fit of init (500)"
+    )
     _add_dataset(parser)
 
 

@@ -29,6 +29,8 @@ from orca.errors import BadInput
 __all__ = ["speed_command"]
 
 _CHART = "init"
+_SCENES = "scenes"
+_TSED = "tsed"
 _LEARNED = ("musiq", "clipiqa")
 
 
@@ -39,9 +41,10 @@ def speed_command(args: argparse.Namespace) -> Outcome:
         Unknown: no such case, data set or scene.
         BadInput: no or negative iterations.
     """
-    names = chosen("case", args.cases, (*CASES, _CHART, *_LEARNED), CASES)
+    names = chosen("case", args.cases, (*CASES, _CHART, _SCENES, _TSED, *_LEARNED), CASES)
     cases = cast(tuple[CaseName, ...], tuple(name for name in names if name in CASES))
-    scenes = _scenes(args) if _CHART in names else []
+    scenes = _scenes(args, 3) if _CHART in names else []
+    whole = _scenes(args, 1 if args.quick else None) if _SCENES in names else []
     load = _load()
     document: dict[str, Any] = {"schema_version": 1}
     lines: list[str] = []
@@ -51,6 +54,10 @@ def speed_command(args: argparse.Namespace) -> Outcome:
         _stage3(document, lines)
     if scenes:
         _chart(scenes, args, document, lines)
+    if whole:
+        _whole(whole, args, document, lines)
+    if _TSED in names:
+        _tsed(args.quick, document, lines)
     for case in (name for name in names if name in _LEARNED):
         _learned(case, args.quick, document, lines)
     document["machine"] = host_facts() | {"load": {"before": load, "after": _load()} if load is not None else None}
@@ -83,6 +90,36 @@ def _stage3(document: dict[str, Any], lines: list[str]) -> None:
     lines.append(stage3_line(document["stage3"]))
 
 
+def _whole(scenes: Sequence[SceneCase], args: argparse.Namespace, document: dict[str, Any], lines: list[str]) -> None:
+    """Fits and whole reconstructions of real scenes, each in a process of its own."""
+    from bench.speed.scenes import SceneRow, measure_scenes, scenes_table
+
+    found: list[SceneRow] = []
+
+    def keep(row: SceneRow) -> None:
+        found.append(row)
+        if args.out is not None:
+            kept = {"schema_version": 1, "rows": [r.to_json() for r in found]}
+            _write(args.out / "scenes.json", json.dumps(kept, indent=1))
+
+    rows = measure_scenes(scenes, min(THREADS[-1], available_threads()), args.quick, keep)
+    document["rows"] = [*document.get("rows", []), *(row.to_json() for row in rows)]
+    table = scenes_table(rows)
+    lines.append(table.to_text())
+    if args.out is not None:
+        _write(args.out / "scenes.md", table.to_markdown())
+
+
+def _tsed(quick: bool, document: dict[str, Any], lines: list[str]) -> None:
+    """Time TSED against naive OpenCV on the same frames."""
+    from bench.speed.consistency import measure_consistency, tsed_line
+
+    with tempfile.TemporaryDirectory(prefix="orca-speed-") as folder:
+        speed = measure_consistency(Workshop(Path(folder)), min(THREADS[-1], available_threads()), 1 if quick else 3)
+    document["tsed"] = speed.to_json()
+    lines.append(tsed_line(speed))
+
+
 def _learned(case: str, quick: bool, document: dict[str, Any], lines: list[str]) -> None:
     """Time a learned metric against pyiqa: 50 frames, or 10."""
     from bench.metrics.learned_speed import measure_learned_speed
@@ -109,13 +146,13 @@ def _chart(scenes: Sequence[SceneCase], args: argparse.Namespace, document: dict
         write_chart(curves, args.out / "initialisation.png")
 
 
-def _scenes(args: argparse.Namespace) -> list[SceneCase]:
-    """The scenes of the chart: those named, or the first three of the data set."""
+def _scenes(args: argparse.Namespace, first: int | None) -> list[SceneCase]:
+    """The scenes named, or the first few of the data set; all of them for None."""
     if args.iterations < 0:
         raise BadInput(f"--iterations {args.iterations}", "0 or more", "give another number")
     dataset = open_dataset(args.dataset, data_root=args.data_root, images=args.images)
     known = tuple(dataset.scenes())
-    return [dataset.load(name) for name in chosen("scene", args.scenes, known, known[:3])]
+    return [dataset.load(name) for name in chosen("scene", args.scenes, known, known[:first])]
 
 
 def _plan(cases: Sequence[CaseName], quick: bool) -> tuple[Setting, ...]:

@@ -17,7 +17,8 @@ from orca.anchors import GaussianAnchors
 from orca.conventions import Float32Array
 from orca.field.decoders import Decoders
 from orca.field.hashing import HashEncoding
-from orca.priors.outpaint import OUTPAINTERS
+from orca.priors.choose import Priors
+from orca.priors.hub import ModelAccess
 from orca.render import Renderer
 from orca.repair.insert import InsertConfig
 from orca.repair.loop import RepairResult, repair
@@ -118,7 +119,7 @@ class StepWork:
         self.config = config_for(setting.anchors, setting.mode, setting.width)
         self.train = trainer(backend)
         inputs, self.generator = workshop.inputs(setting.width), torch.Generator().manual_seed(0)
-        outpainter = OUTPAINTERS.get(self.config.canvas.outpainter)()
+        outpainter = Priors.of(self.config, ModelAccess(local_files_only=True), 0).outpainter
         depth = inputs.depth.depth
         canvas = make_canvas(inputs.image, depth, inputs.camera, inputs.views, self.config.canvas, outpainter)
         grid = place(canvas, self.config.planar)
