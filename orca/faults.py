@@ -20,8 +20,8 @@ from orca.errors import BadInput
 __all__ = ["STEPS", "VARIABLE", "fault_point"]
 
 VARIABLE = "ORCA_FAULT"
-# start: nothing of the file is there. made: an unfinished file is, empty. half: it holds half of its bytes. written: all
-# of them. named: it has taken its name.
+# start: nothing of the file is there. made: an unfinished file is, empty. half: it holds half of its bytes.
+# written: all of them. named: it has taken its name.
 STEPS = ("start", "made", "half", "written", "named")
 _reached: Counter[str] = Counter()
 
