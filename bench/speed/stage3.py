@@ -37,7 +37,7 @@ def measure_stage3(
     case = Synthetic(size=size).load(scene)
     cameras = path_cameras(make_path("swing", views), case.camera)
     config = get_preset("draft")
-    rules = replace(config.repair.rules, max_iterations=repairs)
+    rules = replace(config.repair.rules, max_iterations=repairs, enough=0.0)
     config = replace(config, repair=replace(config.repair, views=0, rules=rules))
     depth = DepthEstimate(case.depth, case.depth_source, True, is_measured=True)
     unrepaired = replace(config, repair=replace(config.repair, enabled=False))

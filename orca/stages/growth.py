@@ -65,8 +65,8 @@ class Growth:
     stopped: str
 
     def to_json(self) -> dict[str, Any]:
-        """The curve and why it ends."""
-        curve = [{"anchors": s.anchors, "psnr": s.psnr_db, "seconds": s.seconds} for s in self.steps]
+        """The curve and why it ends, without its seconds: what a scene is does not depend on the clock."""
+        curve = [{"anchors": s.anchors, "psnr": s.psnr_db} for s in self.steps]
         return {"stopped": self.stopped, "curve": curve}
 
 

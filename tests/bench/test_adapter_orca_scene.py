@@ -15,6 +15,7 @@ from orca.config import RenderConfig
 from orca.conventions import to_uint8
 from orca.errors import BadInput, Unavailable
 from orca.field.decoders import analytic_decoders
+from orca.render.surroundings import as_shown
 from orca.scene import Scene
 from tests.bench.splat_files import flat_case
 
@@ -43,7 +44,8 @@ def test_frames_of_a_scene_file(tmp_path: Path) -> None:
     output = METHODS.get(f"orca-scene:{tmp_path}").run(case, RunOptions())
     renderer = scene.renderer()
     for frame, camera in zip(output.frames, case.eval_trajectory.cameras(), strict=True):
-        np.testing.assert_array_equal(frame, to_uint8(renderer.render(camera).rgb))
+        shown = as_shown(renderer.render(camera), scene.render_config)
+        np.testing.assert_array_equal(frame, to_uint8(shown.rgb))
     assert output.model["anchors"] == 576
     assert output.model["placement_scale"] == 1.0
     assert output.model["placement_spread"] == pytest.approx(1, abs=0.05)

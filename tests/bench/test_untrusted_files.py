@@ -79,21 +79,21 @@ def test_a_field_of_view_that_is_none(tmp_path: Path, angle: float) -> None:
         read_camera_file(path)
 
 
-def test_weights_are_those_that_their_name_says(tmp_path: Path) -> None:
-    """Published weights carry the first eight digits of their hash in their name."""
+def test_weights_are_those_that_their_hash_says(tmp_path: Path) -> None:
+    """A pinned hash may be whole, or its first digits where no more is published."""
     content = b"weights"
-    right = hashlib.sha256(content).hexdigest()[:8]
-    (tmp_path / f"net-{right}.pth").write_bytes(content)
-    WeightsFile("m", f"net-{right}.pth", "https://x").check(tmp_path)
-    (tmp_path / "net-00000000.pth").write_bytes(content)
-    with pytest.raises(BadInput, match="00000000"):
-        WeightsFile("m", "net-00000000.pth", "https://x").check(tmp_path)
+    right = hashlib.sha256(content).hexdigest()
+    (tmp_path / "net.pth").write_bytes(content)
+    for digits in (right, right[:8], ""):
+        WeightsFile("m", "net.pth", "https://x", digits).check(tmp_path)
+    with pytest.raises(BadInput, match="begins with 00000000"):
+        WeightsFile("m", "net.pth", "https://x", "00000000").check(tmp_path)
 
 
 def test_fetched_weights_of_another_hash_are_not_kept(tmp_path: Path, site: str) -> None:
-    (tmp_path / "site" / "net-00000000.pth").write_bytes(b"weights")
-    state, why = fetched((WeightsFile("m", "net-00000000.pth", site),), tmp_path)[0]
-    assert (state, "begins with 00000000" in why) == ("failed", True)
+    (tmp_path / "site" / "net.pth").write_bytes(b"weights")
+    state, why = fetched((WeightsFile("m", "net.pth", site, "00000000"),), tmp_path)[0]
+    assert (state, "00000000" in why) == ("failed", True), why
     assert not list((tmp_path / "weights").glob("*.pth"))
 
 
