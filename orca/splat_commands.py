@@ -64,10 +64,11 @@ def view(arguments: argparse.Namespace, announce: Callable[[str], None]) -> Answ
     else:
         with PhaseBars() as bars:
             splats = bake(scene, path, replace(_config(arguments), min_sigma=_VIEWER_SIGMA), bars)
-    with SceneViewer(splats, scene.camera, path, arguments.host, arguments.port) as viewer:
-        with contextlib.suppress(KeyboardInterrupt):  # the way to end it, also for who is told and does so at once
-            announce(f"{viewer.url} shows {len(splats)} splats; Ctrl-C ends it")
-            viewer.wait()
+    server = SceneViewer(splats, scene.camera, path, arguments.host, arguments.port)
+    # Ctrl-C is the way to end it, also for somebody who is told and does so at once.
+    with server as viewer, contextlib.suppress(KeyboardInterrupt):
+        announce(f"{viewer.url} shows {len(splats)} splats; Ctrl-C ends it")
+        viewer.wait()
     return {"url": viewer.url, "splats": len(splats)}, "closed"
 
 
