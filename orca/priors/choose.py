@@ -110,8 +110,8 @@ def choose_outpainter(
 ) -> tuple[Outpainter | None, str]:
     """The outpainter of that name (None for ``none``), and a note. Errors as for `choose_inpainter`.
 
-    ``auto`` is Stable Diffusion 1.5 where its weights are, else ``mean``: what lay beyond cropped photographs came back
-    closer with it than with exemplars (``classical``), and those take seconds where it takes a tenth of one.
+    ``auto`` is Stable Diffusion 1.5 where its weights are, else ``mean``: what lay beyond cropped pictures came back
+    closer with it than with exemplars (``classical``), which also take several times as long.
     """
     if name == "none":
         return None, ""
