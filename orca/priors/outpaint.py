@@ -1,8 +1,8 @@
 """What lies beyond the frame, without a network: the border goes on, ever more blurred the farther it gets.
 
 Nothing tells what is there, and the mean of several guesses errs less than each of them. Of 20 pictures (11 of
-RealmDreamer, 9 of DIV2K) cropped by 56 pixels a side, what was cut off came back at 14.4 dB mirrored, 15.2 repeated, 15.5
-from four fills with patches of the image, and 15.9 as the mean of mirror, repetition and membrane.
+RealmDreamer, 9 of DIV2K) cropped by 56 pixels a side, what was cut off came back at 14.4 dB mirrored, 15.2 repeated,
+15.5 from four fills with patches of the image, and 15.9 as the mean of mirror, repetition and membrane.
 """
 
 from __future__ import annotations
