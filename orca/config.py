@@ -267,6 +267,8 @@ class RepairConfig:
         fill: "paper" copies donors, "smooth" continues the background's colour, "structure" its texture too (O).
         inpainter: who completes large regions: a name of `orca.priors.choose.INPAINTER_CHOICES` (P: "sd15"; "auto" is
             that where its weights are, else "classical").
+        spread: where a repair's anchors go: "need" gives one to several pixels where more would be worth less than in
+            the image (O), "even" one to every pixel (P).
         generative: how a large region is completed.
     """
 
@@ -275,6 +277,7 @@ class RepairConfig:
     rules: RepairRules = field(default_factory=lambda: RepairRules(max_steps=3, max_iterations=150, enough=0.004))
     fill: Literal["paper", "smooth", "structure"] = "structure"
     inpainter: str = "auto"
+    spread: Literal["need", "even"] = "need"
     generative: GenerativeConfig = field(default_factory=GenerativeConfig)
 
 
@@ -326,7 +329,7 @@ _PAPER = ReconstructConfig(
     deform=DeformConfig(
         lifting="relative", denoise_depth=False, sharpen_depth=False, follow_slope=False, max_iterations=20_000
     ),
-    repair=RepairConfig(views=0, rules=RepairRules(), fill="paper"),
+    repair=RepairConfig(views=0, rules=RepairRules(), fill="paper", spread="even"),
 )
 
 PRESETS: dict[str, ReconstructConfig] = {preset.name: preset for preset in (_DRAFT, _QUALITY, _PAPER)}

@@ -33,12 +33,15 @@ from orca.stages.growth import grow
 from orca.stages.observations import GROWTH_RESOLUTION, MARGIN_RESOLUTION, Observation, observations
 from orca.stages.planar import PlanarGrid, place, planar_anchors, rest_positions
 from orca.stages.prune import reached
+from orca.stages.residual import squared_of
 from orca.stages.rims import shrink_rims
 from orca.stages.solve import solve, with_colours
 from orca.stages.train import TrainPlan, train
 from orca.threads import single_threaded_blas
 
 __all__ = ["Reconstruction", "reconstruct"]
+
+_UNSEEN = 16 * 3 / 255**2  # squared error of sixteen pixels that are one level of 8 bits off
 
 
 @dataclass(frozen=True, eq=False)
@@ -359,7 +362,7 @@ def _stage_repair(
     config = run.config
     if not config.repair.enabled:
         return anchors, {"schema_version": 1, "repairs": [], "stopped": "repair is off"}
-    insert = InsertConfig(config.planar.kappa, config.planar.colour_clip)
+    insert = InsertConfig(config.planar.kappa, config.planar.colour_clip, cell_error=_cell_error(anchors, image, run))
     completes = None if priors.inpainter is None else GenerativePriors(priors.inpainter, priors.depth)
     result = repair(
         anchors,
@@ -376,6 +379,20 @@ def _stage_repair(
     )
     run.record["repair_stopped"] = result.ledger.stopped
     return result.anchors, result.ledger.to_json()
+
+
+def _cell_error(anchors: GaussianAnchors, image: Float32Array, run: _Run) -> float:
+    """Squared error that a repair's anchor may leave of four or more pixels rather than give each its own.
+
+    The three anchors saved must not be worth more there than in the image, where twice the anchors leave a quarter of
+    the error (6 dB, reports/anchors): one more takes off twice what each leaves. What 8 bits hardly show is left in
+    any case.
+    """
+    if run.config.repair.spread == "even":
+        return 0.0
+    inside = max(1, int((anchors.stage == int(Stage.ORIGINAL)).sum()))
+    left = squared_of(run.record["input_psnr"]["fine_tuned"], image[..., 0].size) / inside
+    return max(3 * 2 * left, _UNSEEN)
 
 
 def _note_psnr(run: _Run, stage: str, anchors: GaussianAnchors, decoders: Decoders, observation: Observation) -> None:

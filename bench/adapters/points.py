@@ -23,13 +23,19 @@ SWEEP = (
     "orca@anchors=16384+repair=off",
     "orca@canvas=off+repair=off",
     "orca@repair=off",
+    "orca@hits=16+repair=off",
     "orca@anchors=16384+decode=per_hit+repair=off",
+    "orca@iterations=100+repair=off",
+    "orca@placement=grid+repair=off",
+    "orca@price=0.1+repair=off",
+    "orca@target_psnr=40+repair=off",
     "orca@anchors=131072+repair=off",
+    "orca@preset=quality",
     "orca",
 )
 """The points of ORCA that ``bench sweep`` runs unless told otherwise.
 
-Repair takes the most time and changes neither the input view nor what the others compare, so one point has it.
+Repair takes the most time and changes neither the input view nor what the others compare, so only two points have it.
 """
 
 _MOST = 10_000_000
@@ -235,6 +241,10 @@ def _repair(config: ReconstructConfig, value: str, pixels: int | None) -> Recons
     return replace(config, repair=replace(config.repair, enabled=value == "on"))
 
 
+def _spread(config: ReconstructConfig, value: Any, pixels: int | None) -> ReconstructConfig:
+    return replace(config, repair=replace(config.repair, spread=value))
+
+
 def _views(config: ReconstructConfig, value: int, pixels: int | None) -> ReconstructConfig:
     return replace(config, repair=replace(config.repair, views=value))
 
@@ -275,6 +285,9 @@ KNOBS: dict[str, Knob] = {
         "a whole number from 0", _whole(0), _iterations, "gradient steps at most, of each stage that trains"
     ),
     "repair": Knob("on, off or plain", _one_of("on", "off", "plain"), _repair, "what fills disocclusions"),
+    "spread": Knob(
+        "need or even", _one_of("need", "even"), _spread, "a repair's anchors: where it needs them, or one a pixel"
+    ),
     "views": Knob("a whole number from 0 (all)", _whole(0), _views, "views that repair looks at"),
     "canvas": Knob(
         "off, or a number from 1 to 10", _canvas_size, _canvas, "size at most of the outpainted image, in images"

@@ -13,9 +13,8 @@ from orca.anchors import FEATURE_DIM, GaussianAnchors, Stage
 from orca.camera import Camera
 from orca.conventions import Float32Array
 from orca.field.decoders import COLOUR_CHANNELS, DENSITY_CHANNEL, Decoders
-from orca.repair.donors import FillTarget
-from orca.repair.hide import InputSurface
 from orca.repair.rules import RepairRules
+from orca.repair.spacing import TargetCells
 
 __all__ = ["InsertConfig", "features_for_colours", "new_anchors"]
 
@@ -28,43 +27,36 @@ class InsertConfig:
         kappa: standard deviation over spacing before the covariance multiplier (that of the planar grid).
         colour_clip: colours are kept this far from 0 and 1.
         tolerance: the largest colour error at which the analytic inverse of the decoders counts as exact.
+        cell_error: squared colour error that one anchor may leave of a repair's target, summed over pixels and
+            channels; 0 gives every pixel its own (`RepairConfig.spread`).
     """
 
     kappa: float = 0.5
     colour_clip: float = 2e-3
     tolerance: float = 4e-3
+    cell_error: float = 0.0
 
 
 def new_anchors(
-    target: FillTarget,
+    cells: TargetCells,
     camera: Camera,
     existing: GaussianAnchors,
     decoders: Decoders,
     rules: RepairRules,
     config: InsertConfig,
-    surface: InputSurface | None = None,
 ) -> GaussianAnchors:
-    """One anchor per target pixel, or per few pixels where there would be more than ``rules.max_anchors``.
-
-    With a ``surface``, anchors that the input camera would see are moved behind it; those that cannot be are left out.
+    """One anchor for each cell of a repair's target.
 
     Args:
-        target: pixels of the hole with colour and depth.
+        cells: where, how large, colour and depth.
         camera: the view they are seen in.
         existing: the scene's anchors; only read, for features under decoders that have no analytic inverse.
         decoders: the scene's decoders.
-        rules: covariance multiplier, opacity, limit.
+        rules: covariance multiplier, opacity.
         config: extents and colour handling.
-        surface: what the input camera sees.
     """
-    keep, spacing = _thin(target, rules.max_anchors)
-    pixels = np.stack([target.x[keep] + 0.5, target.y[keep] + 0.5], 1)
-    depth = target.depth[keep].astype(np.float64)
-    if surface is not None:
-        depth, hidden = surface.push_behind(camera, pixels, depth)
-        keep, pixels, depth = keep[hidden], pixels[hidden], depth[hidden]
-    means = camera.unproject(pixels, depth)
-    sigma = config.kappa * spacing * depth / camera.K[0, 0]
+    means = camera.unproject(cells.centres, cells.depth)
+    sigma = config.kappa * cells.sides * cells.depth / camera.K[0, 0]
     log_variance = 2 * np.log(sigma) + math.log(rules.covariance_scale)
     n = len(means)
     identity = torch.zeros(n, 4)
@@ -76,21 +68,9 @@ def new_anchors(
         quaternions=identity,
         # A hair above the minimum, so that rounding cannot take it below.
         opacity_logits=torch.full((n,), opacity + 1e-4),
-        features=features_for_colours(target.rgb[keep], existing, decoders, config),
+        features=features_for_colours(cells.rgb, existing, decoders, config),
         stage=torch.full((n,), int(Stage.REPAIRED), dtype=torch.uint8),
     )
-
-
-def _thin(target: FillTarget, limit: int) -> tuple[np.ndarray[tuple[int], np.dtype[np.int64]], float]:
-    """Indices of a square sub-grid of the target's pixels with at most ``limit`` members, and its spacing."""
-    step = 1
-    while True:
-        keep = np.flatnonzero((target.y % step == step // 2) & (target.x % step == step // 2))
-        if len(keep) == 0:  # a sliver that the sub-grid misses
-            keep = np.arange(0, len(target.y), step * step)
-        if len(keep) <= limit:
-            return keep, float(step)
-        step += 1
 
 
 def features_for_colours(

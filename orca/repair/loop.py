@@ -26,6 +26,7 @@ from orca.repair.insert import InsertConfig, new_anchors
 from orca.repair.ledger import Ledger, RepairRecord, run_lengths
 from orca.repair.optimise import LocalTarget, optimise_new
 from orca.repair.rules import Decision, RepairRules, order
+from orca.repair.spacing import TargetCells, cells_of, split_cells
 from orca.repair.views import Box, WatchedViews, crop_camera, grown
 from orca.threads import map_on_cores, single_threaded_torch
 
@@ -197,8 +198,7 @@ class _Loop:
         fill, decision, alignment = self._fill(before, component, camera, decision)
         generative = decision.kind == "generative"
         rules = replace(self.rules, max_anchors=self.config.generative.max_anchors) if generative else self.rules
-        new = new_anchors(fill, camera, self.anchors, self.decoders, rules, self.insert_config, self.surface)
-        new = self._invisible_in_input(self._optimised(new, component, fill, view))
+        new = self._invisible_in_input(self._optimised(self._new(fill, camera, rules), component, fill, view))
         checking = time.perf_counter()
         self._insert(new, view, component.bbox, whole)
         checked, after = time.perf_counter(), self.views.rendered[view]
@@ -224,6 +224,28 @@ class _Loop:
             alignment=None if alignment is None else alignment.to_json(),
             foretold=fill.foretold,
         )
+
+    def _new(self, fill: FillTarget, camera: Camera, rules: RepairRules) -> GaussianAnchors:
+        """Anchors for a fill, behind what the input camera sees; those that cannot be are left out.
+
+        Cells of several pixels that would show there all the same are taken apart, as long as the limit allows it.
+        """
+        cells = self._hidden(cells_of(fill, self.insert_config.cell_error, rules.max_anchors), camera)
+        new = self._anchors_of(cells, camera)
+        trace = self._trace(new) if (cells.sides > 1).any() else None
+        if trace is None:
+            return new
+        shown = trace.guilty(self._tolerance(trace)) & (cells.sides > 1)
+        finer = self._hidden(split_cells(cells, shown, fill), camera) if shown.any() else cells
+        return self._anchors_of(finer, camera) if len(finer) <= rules.max_anchors else new
+
+    def _hidden(self, cells: TargetCells, camera: Camera) -> TargetCells:
+        """The cells moved behind what the input camera sees, without those for which there is no such place."""
+        depth, hidden = self.surface.push_behind(camera, cells.centres, cells.depth)
+        return replace(cells, depth=depth).subset(hidden)
+
+    def _anchors_of(self, cells: TargetCells, camera: Camera) -> GaussianAnchors:
+        return new_anchors(cells, camera, self.anchors, self.decoders, self.rules, self.insert_config)
 
     def _insert(self, new: GaussianAnchors, view: int, bbox: Box, component: NDArray[np.bool_]) -> None:
         """Add anchors to the scene and look at the whole trajectory again, where they can be seen."""

@@ -57,6 +57,7 @@ def _differences(a: dict[str, Any], b: dict[str, Any], head: str) -> list[tuple[
         ("views=3", {"repair.views": 3}),
         ("canvas=off", {"canvas.outpainter": "none", "canvas.max_scale": 1.0}),
         ("canvas=1.5", {"canvas.max_scale": 1.5}),
+        ("spread=even", {"repair.spread": "even"}),
         ("anchors=16384+repair=off", {"planar.anchors_per_pixel": 0.0625, "repair.enabled": False}),
     ],
 )
@@ -71,8 +72,9 @@ def test_a_random_start_trains_in_both_stages() -> None:
 
 def test_every_knob_is_tested_and_described() -> None:
     growth = {"target_psnr", "max_anchors", "price"}
-    others = {"preset", "anchors", "placement", "hits", "decode", "solver_steps", "iterations", "repair", "views"}
-    assert set(KNOBS) == growth | others | {"canvas"}
+    counts = {"anchors", "hits", "solver_steps", "iterations", "views"}
+    others = {"preset", "placement", "decode", "repair", "spread", "canvas"}
+    assert set(KNOBS) == growth | counts | others
     assert all(knob.allowed and knob.what for knob in KNOBS.values())
 
 
@@ -127,7 +129,7 @@ def test_the_default_sweep_holds_what_it_should() -> None:
     assert set(sweep_methods("realmdreamer")) >= {*SWEEP, "warp", "warp-telea", "vistadream"}
     assert "vistadream" not in sweep_methods("photos")
     axes = {key for name in SWEEP if "@" in name for key, _ in split_point(name)[1].values}
-    assert axes >= {"anchors", "decode", "repair", "canvas"}
+    assert axes >= {"anchors", "hits", "decode", "iterations", "repair", "canvas", "target_psnr", "price", "placement"}
     assert all(METHODS.get(name).name == name for name in SWEEP)
 
 

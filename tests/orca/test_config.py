@@ -37,7 +37,7 @@ def test_the_papers_constants() -> None:
     assert paper.deform.lifting == "relative"
     assert (paper.planar.placement.kind, paper.planar.initialisation) == ("grid", "random")
     assert (paper.deform.sharpen_depth, paper.deform.follow_slope) == (False, False)
-    assert (paper.repair.views, paper.repair.fill) == (0, "paper")
+    assert (paper.repair.views, paper.repair.fill, paper.repair.spread) == (0, "paper", "even")
 
 
 def test_the_base_representations_constants() -> None:

@@ -203,6 +203,19 @@ def test_the_margin_starts_from_coarser_cells_away_from_frame_and_depth_edges() 
     assert (size[:, 111:113] <= 8).all()
 
 
+def test_the_margin_grows_with_the_quality_asked_for() -> None:
+    camera = repair_scenes.input_camera().padded(32, 32, 32, 32)
+    canvas = Canvas(picture(128, 128), np.ones((128, 128), np.float32), camera, (32, 32, 32, 32))
+    inside, outside = [], []
+    for target in (20.0, 30.0):
+        pixels = grown(canvas, target_psnr=target).grid.pixels
+        within = ((pixels >= 32) & (pixels < 96)).all(1)
+        inside.append(int(within.sum()))
+        outside.append(int((~within).sum()))
+    assert inside[1] > 1.3 * inside[0]
+    assert outside[1] > 1.1 * outside[0]
+
+
 @pytest.mark.parametrize("limits", [{"target_psnr": 0.0}, {"max_anchors": -5}, {"price": float("nan")}])
 def test_limits_that_make_no_sense_are_refused(limits: dict[str, float]) -> None:
     with pytest.raises(BadInput, match="positive, finite"):

@@ -64,7 +64,7 @@ def test_existing_anchors_keep_every_bit(unrepaired: Scene) -> None:
 
 def test_a_filled_hole_lies_behind_the_foreground(repaired: Reconstruction) -> None:
     depth = inserted(repaired).means[:, 2]
-    assert len(depth) > 50
+    assert len(depth) > 30
     assert float((depth > (NEAR + FAR) / 2).float().mean()) >= 0.97
 
 
