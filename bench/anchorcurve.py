@@ -42,31 +42,34 @@ _TURNS = 3  # of the finest grid and of growing to the goal; medians count
 @dataclass(frozen=True)
 class Goal:
     """What to reach, in dB; how many anchors per pixel to grow to in any case; and the price in dB per 1,000 anchors
-    that marks the knee."""
+    at which growing ends before."""
 
     psnr_db: float = 40.0
     at_least: float = 0.25
-    price: float = 0.05
+    price: float = 0.1
 
 
 @dataclass(frozen=True)
 class CurvePoint:
-    """One fit: which ``placement`` ("grid", "grown" to a count, or grown to the "target"), how many anchors, PSNR, CPU
-    seconds of all that led to it, and CPU milliseconds of a frame."""
+    """One fit: which ``placement`` ("grid", "grown" to a count, grown to the "target", or to the "knee": where target
+    or price stop), how many anchors, PSNR, CPU seconds of all that led to it, CPU milliseconds of a frame, and why
+    growing stopped."""
 
     placement: str
     anchors: int
     psnr_db: float
     fit_cpu_s: float
     frame_cpu_ms: float
+    why: str = ""
 
 
 @dataclass(frozen=True)
 class SceneCurve:
-    """All fits of one scene, grown towards ``target_db``."""
+    """All fits of one scene, grown towards ``target_db`` or until a thousand anchors gain less than ``price_db``."""
 
     scene: str
     target_db: float
+    price_db: float
     points: tuple[CurvePoint, ...]
 
     @property
@@ -86,25 +89,17 @@ class SceneCurve:
 
     @property
     def grown(self) -> list[CurvePoint]:
-        """The curve, grown to counts and to the goal, fewest anchors first."""
-        return sorted((p for p in self.points if p.placement != "grid"), key=lambda p: p.anchors)
+        """The curve, grown to counts and to the target, fewest anchors first."""
+        return sorted((p for p in self.points if p.placement in ("grown", "target")), key=lambda p: p.anchors)
 
     def grown_at(self, per_pixel: float) -> CurvePoint:
         """The point of the curve with about so many anchors per pixel."""
         return min(self.grown, key=lambda p: abs(p.anchors - per_pixel * self.pixels))
 
-    def knee(self, goal: Goal) -> tuple[CurvePoint, str]:
-        """Where target and price together stop, and which of them did."""
-        before = None
-        for point in self.grown:
-            if point.psnr_db >= goal.psnr_db:
-                return point, "target"
-            if before is not None:
-                gain = (point.psnr_db - before.psnr_db) / (point.anchors - before.anchors) * 1000
-                if gain < goal.price:
-                    return point, "price"
-            before = point
-        return self.grown[-1], "count"
+    @property
+    def knee(self) -> CurvePoint:
+        """Where target and price together stop."""
+        return next(p for p in self.points if p.placement == "knee")
 
     def to_json(self) -> dict[str, Any]:
         """Plain data."""
@@ -112,7 +107,10 @@ class SceneCurve:
 
     def rows(self) -> list[dict[str, Any]]:
         """One flat row a point."""
-        return [{"scene": self.scene, "target_db": self.target_db, **asdict(p)} for p in self.points]
+        return [
+            {"scene": self.scene, "target_db": self.target_db, "price_db": self.price_db, **asdict(p)}
+            for p in self.points
+        ]
 
     @staticmethod
     def of_rows(rows: Sequence[dict[str, str]]) -> SceneCurve:
@@ -124,10 +122,11 @@ class SceneCurve:
                 float(row["psnr_db"]),
                 float(row["fit_cpu_s"]),
                 float(row["frame_cpu_ms"]),
+                row["why"],
             )
             for row in rows
         )
-        return SceneCurve(rows[0]["scene"], float(rows[0]["target_db"]), points)
+        return SceneCurve(rows[0]["scene"], float(rows[0]["target_db"]), float(rows[0]["price_db"]), points)
 
 
 def needed(curve: SceneCurve, psnr_db: float) -> float | None:
@@ -148,12 +147,14 @@ def measure_curve(case: SceneCase, config: ReconstructConfig, goal: Goal) -> Sce
     canvas = Canvas(to_float(case.image), case.depth, case.camera, (0, 0, 0, 0))
     _grid(canvas, GRIDS[0], config)  # a process's first fit loads kernels
     points = [_grid(canvas, per_pixel, config) for per_pixel in GRIDS[:-1]]
-    turns = [(_grid(canvas, GRIDS[-1], config), _to_target(canvas, config, goal)) for _ in range(_TURNS)]
+    target, knee = GrowthConfig(target_psnr=goal.psnr_db), GrowthConfig(target_psnr=goal.psnr_db, price=goal.price)
+    turns = [(_grid(canvas, GRIDS[-1], config), _to_limits("target", canvas, config, target)) for _ in range(_TURNS)]
     finest, reached = (_median([turn[i] for turn in turns]) for i in range(2))
     counts = [round(share * canvas.depth.size) for share in COUNTS if share <= goal.at_least]
     counts += [n for n in (round(s * canvas.depth.size) for s in COUNTS) if counts[-1] < n < reached.anchors]
     grown = [_to_count(canvas, config, count) for count in counts]
-    return SceneCurve(case.name, goal.psnr_db, (*points, finest, *grown, reached))
+    chosen = _to_limits("knee", canvas, config, knee)
+    return SceneCurve(case.name, goal.psnr_db, goal.price, (*points, finest, *grown, reached, chosen))
 
 
 def _median(turns: Sequence[CurvePoint]) -> CurvePoint:
@@ -173,18 +174,18 @@ def _grid(canvas: Canvas, per_pixel: float, config: ReconstructConfig) -> CurveP
 def _to_count(canvas: Canvas, config: ReconstructConfig, count: int) -> CurvePoint:
     """Grown to a count, then solved as often as a grid is."""
     started = time.process_time()
-    anchors = _solved(canvas, _grown(canvas, config, GrowthConfig(max_anchors=count)), config)
-    return _seen("grown", canvas, anchors, config, started)
+    grown, why = _grown(canvas, config, GrowthConfig(max_anchors=count))
+    return replace(_seen("grown", canvas, _solved(canvas, grown, config), config, started), why=why)
 
 
-def _to_target(canvas: Canvas, config: ReconstructConfig, goal: Goal) -> CurvePoint:
-    """Grown to the goal and no further."""
+def _to_limits(placement: str, canvas: Canvas, config: ReconstructConfig, limits: GrowthConfig) -> CurvePoint:
+    """Grown to a quality or a price, and no further."""
     started = time.process_time()
-    anchors = _grown(canvas, config, GrowthConfig(target_psnr=goal.psnr_db))
-    return _seen("target", canvas, anchors, config, started)
+    anchors, why = _grown(canvas, config, limits)
+    return replace(_seen(placement, canvas, anchors, config, started), why=why)
 
 
-def _grown(canvas: Canvas, config: ReconstructConfig, limits: GrowthConfig) -> GaussianAnchors:
+def _grown(canvas: Canvas, config: ReconstructConfig, limits: GrowthConfig) -> tuple[GaussianAnchors, str]:
     growth = grow(
         canvas,
         observations(canvas, 1.0),
@@ -193,7 +194,7 @@ def _grown(canvas: Canvas, config: ReconstructConfig, limits: GrowthConfig) -> G
         config.render,
         limits,
     )
-    return with_colours(planar_anchors(canvas, growth.grid, config.planar), growth.colours)
+    return with_colours(planar_anchors(canvas, growth.grid, config.planar), growth.colours), growth.stopped
 
 
 def _solved(canvas: Canvas, anchors: GaussianAnchors, config: ReconstructConfig) -> GaussianAnchors:

@@ -111,7 +111,7 @@ def add_anchors(parser: argparse.ArgumentParser) -> None:
     parser.description = "Quality against anchors on each scene's image: regular grids, and grown by residual."
     parser.add_argument("--scenes", action="append", metavar="A,B", help="scenes, separated by commas (all)")
     parser.add_argument("--target-psnr", type=float, default=40.0, metavar="DB", help="where a curve ends (40)")
-    parser.add_argument("--price", type=float, default=0.05, metavar="DB", help="a thousand anchors' least gain (0.05)")
+    parser.add_argument("--price", type=float, default=0.1, metavar="DB", help="a thousand anchors' least gain (0.1)")
     parser.add_argument("--out", type=Path, metavar="DIR", help="write the chart, its figures and a page there")
     _add_dataset(parser)
 

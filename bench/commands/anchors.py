@@ -7,7 +7,7 @@ import csv
 from collections.abc import Sequence
 from pathlib import Path
 
-from bench.anchorcurve import Goal, SceneCurve, measure_curve, needed
+from bench.anchorcurve import CurvePoint, Goal, SceneCurve, measure_curve, needed
 from bench.commands.names import chosen
 from bench.commands.outcome import Outcome
 from bench.datasets.catalogue import open_dataset
@@ -17,13 +17,14 @@ from orca.errors import BadInput
 
 __all__ = ["anchors_command"]
 
-_COLUMNS = ["scene", "target_db", "placement", "anchors", "psnr_db", "fit_cpu_s", "frame_cpu_ms"]
+_COLUMNS = ["scene", "target_db", "price_db", "placement", "anchors", "psnr_db", "fit_cpu_s", "frame_cpu_ms", "why"]
 _TICKS = range(14, 19)  # of the chart: 16k to 262k anchors
 _DIGITS = {"psnr_db": ".3f", "fit_cpu_s": ".2f", "frame_cpu_ms": ".0f"}
 
 
 def anchors_command(args: argparse.Namespace) -> Outcome:
-    """Measure every scene; what is measured is written at once, and not measured again for the same target.
+    """Measure every scene; what is measured is written at once, and not measured again for the same target
+    and price.
 
     Raises:
         Unknown: no such data set or scene.
@@ -50,16 +51,16 @@ def anchors_command(args: argparse.Namespace) -> Outcome:
 
 
 def _read(path: Path, goal: Goal) -> dict[str, SceneCurve]:
-    """What a file holds of this goal's target, by scene."""
+    """What a file holds of this goal, by scene."""
     if not path.is_file():
         return {}
     with path.open(newline="", encoding="utf-8") as file:
         rows = list(csv.DictReader(file))
-    if rows and (set(rows[0]) != set(_COLUMNS) or not all(row["frame_cpu_ms"] for row in rows)):
+    if rows and set(rows[0]) != set(_COLUMNS):
         raise BadInput(f"{path} with columns {', '.join(rows[0])}", ", ".join(_COLUMNS), "choose another folder")
     by_scene: dict[str, list[dict[str, str]]] = {}
     for row in rows:
-        if float(row["target_db"]) == goal.psnr_db:
+        if (float(row["target_db"]), float(row["price_db"])) == (goal.psnr_db, goal.price):
             by_scene.setdefault(row["scene"], []).append(row)
     return {name: SceneCurve.of_rows(some) for name, some in by_scene.items()}
 
@@ -76,14 +77,15 @@ def _write_rows(path: Path, curves: Sequence[SceneCurve]) -> None:
 
 def _page(curves: Sequence[SceneCurve], goal: Goal) -> list[str]:
     """A Markdown page: anchors at equal count, count at equal quality, and the knee."""
+    aim = goal.psnr_db
     lines = [
         "### Quality against anchors",
         "",
         "The input image alone, on the plane. 65k grown: content-driven start, grown by residual to 65,536.",
-        f"Share: anchors that growing needs for {goal.psnr_db:g} dB, over those of the grid with one per pixel.",
-        f"Knee: where {goal.psnr_db:g} dB or a price of {goal.price:g} dB per 1,000 anchors stops. Fit and frame: CPU",
-        f"time of growing to {goal.psnr_db:g} dB and of a frame then, against the grid with one anchor per pixel;",
-        "medians of 3, taken in turns in one process.",
+        f"Share: anchors that growing needs for {aim:g} dB, over those of the grid with one per pixel.",
+        f"Knee: where `--target-psnr {aim:g} --price {goal.price:g}` stops: at that quality, or when a thousand more",
+        f"anchors gain less than {goal.price:g} dB. Fit and frame: CPU time of growing to {aim:g} dB and of a frame then,",
+        "against the grid with one anchor per pixel; medians of 3, taken in turns in one process.",
         "",
         "| scene | 65k grid [dB] | 65k grown [dB] | 131k grid [dB] | gain [dB] | share | knee | fit [s] | frame [ms] |",
         "|---|---:|---:|---:|---:|---:|---|---:|---:|",
@@ -91,14 +93,14 @@ def _page(curves: Sequence[SceneCurve], goal: Goal) -> list[str]:
     gains = []
     for curve in curves:
         quarter, half, full = (curve.grid(share) for share in (0.25, 0.5, 1.0))
-        grown, last, (knee, why) = curve.grown_at(0.25), curve.reached, curve.knee(goal)
+        grown, last, knee = curve.grown_at(0.25), curve.reached, curve.knee
         gains.append(grown.psnr_db - quarter.psnr_db)
         need = needed(curve, goal.psnr_db)
         seconds, frame = f"{last.fit_cpu_s:.2f} of {full.fit_cpu_s:.2f}", f"{last.frame_cpu_ms:.0f}"
         share = f"> {last.anchors / full.anchors:.0%}" if need is None else f"{need / full.anchors:.0%}"
         lines.append(
             f"| {curve.scene} | {quarter.psnr_db:.2f} | {grown.psnr_db:.2f} | {half.psnr_db:.2f} | {gains[-1]:+.2f} "
-            f"| {share} | {knee.anchors:,} at {knee.psnr_db:.1f} dB ({why}) "
+            f"| {share} | {knee.anchors:,} at {knee.psnr_db:.1f} dB ({_which(knee)}) "
             f"| {seconds} | {frame} of {full.frame_cpu_ms:.0f} |"
         )
     above = sum(c.grown_at(0.25).psnr_db > c.grid(0.5).psnr_db for c in curves)
@@ -107,6 +109,14 @@ def _page(curves: Sequence[SceneCurve], goal: Goal) -> list[str]:
         f"Mean gain at equal count {sum(gains) / len(gains):+.2f} dB; above the 131k grid on {above} of {len(curves)}.",
     ]
     return lines
+
+
+def _which(knee: CurvePoint) -> str:
+    """Which limit stopped it, in a word or in its own words."""
+    for word, beginning in (("target", "reached"), ("price", "a thousand anchors gained")):
+        if knee.why.startswith(beginning):
+            return word
+    return knee.why
 
 
 def _draw(path: Path, curves: Sequence[SceneCurve], goal: Goal) -> None:
@@ -125,10 +135,10 @@ def _draw(path: Path, curves: Sequence[SceneCurve], goal: Goal) -> None:
         grids = [p for p in curve.points if p.placement == "grid" and p.psnr_db < goal.psnr_db + 15]
         axis.plot([p.anchors for p in curve.grown], [p.psnr_db for p in curve.grown], "o-", ms=3, label="grown")
         axis.plot([p.anchors for p in grids], [p.psnr_db for p in grids], "s--", ms=3, label="regular grid")
-        knee, why = curve.knee(goal)
+        knee = curve.knee
         axis.plot(knee.anchors, knee.psnr_db, "r*", ms=10, label="knee")
         axis.axhline(goal.psnr_db, color="grey", lw=0.5)
-        axis.set(title=f"{curve.scene}: {knee.anchors / 1000:.0f}k ({why})", xscale="log", xlabel="anchors")
+        axis.set(title=f"{curve.scene}: {knee.anchors / 1000:.0f}k ({_which(knee)})", xscale="log", xlabel="anchors")
         axis.set_ylabel("PSNR [dB]")
         axis.set_xticks([2**k for k in _TICKS], [f"{2**k // 1000}k" for k in _TICKS])
         axis.set_xticks([], minor=True)

@@ -20,7 +20,18 @@ def curve(*grown: tuple[int, float]) -> SceneCurve:
     grids = [CurvePoint("grid", n, db, 1.0, 10.0) for n, db in ((25_000, 28.0), (50_000, 31.0), (100_000, 90.0))]
     points = [CurvePoint("grown", n, db, 1.0, 10.0) for n, db in grown]
     points[-1] = replace(points[-1], placement="target")
-    return SceneCurve("a", 40.0, (*grids, *points))
+    points.append(replace(points[0], placement="knee", why="a thousand anchors gained 0.03 dB"))
+    return SceneCurve("a", 40.0, 0.1, (*grids, *points))
+
+
+def noisy_square(folder: Path) -> Path:
+    """A folder with one picture: a square of noise on a grey wall."""
+    images = folder / "images"
+    images.mkdir()
+    image = np.full((64, 64, 3), 90, np.uint8)
+    image[10:40, 10:40] = np.random.default_rng(0).integers(0, 256, (30, 30, 3))
+    cv2.imwrite(str(images / "a.png"), image)
+    return images
 
 
 def test_what_a_quality_needs_lies_on_a_straight_line_between_points() -> None:
@@ -37,26 +48,27 @@ def test_points_are_found_by_their_share_of_the_pixels() -> None:
     assert measured.grown_at(0.25).anchors == 24_990
 
 
-@pytest.mark.parametrize(
-    ("goal", "anchors", "why"),
-    [
-        (Goal(psnr_db=34, price=0.01), 20_000, "target"),
-        (Goal(psnr_db=60, price=0.4), 30_000, "price"),  # 0.5, then 0.3 dB for a thousand
-        (Goal(psnr_db=60, price=0.01), 30_000, "count"),
-        (Goal(psnr_db=20, price=5), 10_000, "target"),
-    ],
-)
-def test_the_knee_is_where_target_or_price_stops(goal: Goal, anchors: int, why: str) -> None:
-    knee, reason = curve((10_000, 30.0), (20_000, 35.0), (30_000, 38.0)).knee(goal)
-    assert (knee.anchors, reason) == (anchors, why)
+@pytest.mark.parametrize(("target", "price", "why"), [(25.0, 0.1, "target"), (60.0, 20.0, "price")])
+def test_the_knee_is_where_growing_stops_by_itself(tmp_path: Path, target: float, price: float, why: str) -> None:
+    out = tmp_path / "out"
+    limits = ["--target-psnr", str(target), "--price", str(price)]
+    assert (
+        main(["anchors", "--dataset", "folder", "--images", str(noisy_square(tmp_path)), "--out", str(out), *limits])
+        == 0
+    )
+    with (out / "anchors.csv").open() as file:
+        rows = {row["placement"]: row for row in csv.DictReader(file)}
+    knee, reached = rows["knee"], rows["target"]
+    assert f" dB ({why}) |" in (out / "README.md").read_text()
+    if why == "target":
+        assert float(knee["psnr_db"]) >= target - 0.01
+    else:
+        assert int(knee["anchors"]) < int(reached["anchors"])
+        assert "less than their price of 20" in knee["why"]
 
 
 def test_the_command_writes_chart_figures_and_page(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    images, out = tmp_path / "images", tmp_path / "out"
-    images.mkdir()
-    image = np.full((64, 64, 3), 90, np.uint8)
-    image[10:40, 10:40] = np.random.default_rng(0).integers(0, 256, (30, 30, 3))
-    cv2.imwrite(str(images / "a.png"), image)
+    images, out = noisy_square(tmp_path), tmp_path / "out"
     code = main(["anchors", "--dataset", "folder", "--images", str(images), "--out", str(out), "--json"])
     document = json.loads(capsys.readouterr().out)
     assert code == 0
@@ -89,16 +101,18 @@ def test_what_is_measured_is_read_and_not_measured_again(
 
     def measured(case: SceneCase, config: object, goal: Goal) -> SceneCurve:
         asked.append(case.name)
-        return replace(curve((10_000, 30.0), (25_000, 41.25)), scene=case.name, target_db=goal.psnr_db)
+        return replace(
+            curve((10_000, 30.0), (25_000, 41.25)), scene=case.name, target_db=goal.psnr_db, price_db=goal.price
+        )
 
     monkeypatch.setattr(command, "measure_curve", measured)
     arguments = ["anchors", "--dataset", "folder", "--images", str(images), "--out", str(out), "--json"]
     documents = []
-    for more in (["--scenes", "a"], [], ["--target-psnr", "41"]):
+    for more in (["--scenes", "a"], [], ["--target-psnr", "41"], ["--price", "0.2"]):
         monkeypatch.setattr(command, "_draw", lambda path, curves, goal: None)
         assert main([*arguments, *more]) == 0
         documents.append(json.loads(capsys.readouterr().out))
-    assert asked == ["a", "b", "a", "b"]  # again for another target only
+    assert asked == ["a", "b"] * 3  # again for another target and another price only
     assert documents[1]["scenes"][0] == documents[0]["scenes"][0]
 
 
