@@ -84,7 +84,7 @@ def _page(curves: Sequence[SceneCurve], goal: Goal) -> list[str]:
         "The input image alone, on the plane. 65k grown: content-driven start, grown by residual to 65,536.",
         f"Share: anchors that growing needs for {aim:g} dB, over those of the grid with one per pixel.",
         f"Knee: where `--target-psnr {aim:g} --price {goal.price:g}` stops: at that quality, or when a thousand more",
-        f"anchors gain less than {goal.price:g} dB. Fit and frame: CPU time of growing to {aim:g} dB and of a frame then,",
+        f"anchors gain less than {goal.price:g} dB. Fit and frame: CPU time of growing to {aim:g} dB and a frame then,",
         "against the grid with one anchor per pixel; medians of 3, taken in turns in one process.",
         "",
         "| scene | 65k grid [dB] | 65k grown [dB] | 131k grid [dB] | gain [dB] | share | knee | fit [s] | frame [ms] |",
