@@ -141,12 +141,17 @@ def _command(case: StabilityCase, arguments: list[str], folder: Path, preset: st
     with contextlib.redirect_stdout(said), contextlib.redirect_stderr(complained), case.around():
         code = main(words)
     if code != 0:
-        message = " ".join(complained.getvalue().split())[:400]
-        return Verdict(TYPED if code == 2 else CRASH, message or f"exit code {code}")
+        return Verdict(TYPED if code == 2 else CRASH, _complaint(complained.getvalue()) or f"exit code {code}")
     broken = _broken_scene(folder)
     if broken:
         return Verdict(SILENT_WRONG, broken)
     return _said(json.loads(said.getvalue()))
+
+
+def _complaint(text: str) -> str:
+    """What a command says went wrong, on one line, without its progress bars."""
+    _, begin, said = text.rpartition("orca: ")
+    return " ".join((begin + said).split())[:400]
 
 
 def _said(document: dict[str, object]) -> Verdict:

@@ -15,7 +15,7 @@ from bench.adapters.warp import WARP_TELEA
 from bench.cli import main
 from bench.report.stability import CLASSES, read_stability
 from bench.stability.catalogue import CASES, choose_cases, find_case
-from bench.stability.job import CaseJob
+from bench.stability.job import CaseJob, _complaint
 from bench.stability.known import KNOWN_ROWS
 from bench.stability.outcome import (
     CRASH,
@@ -320,3 +320,9 @@ def test_the_verb_refuses_nonsense(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["stability", "--cases", "blakc"]) == 2
     assert main(["stability", "--methods", "wrap"]) == 2
     assert "did you mean 'warp'" in capsys.readouterr().err
+
+
+def test_a_complaint_of_the_command_line_is_told_without_its_progress_bars() -> None:
+    text = "growth:  0%|    | 0/4096\rplanar fit: 100%|####| 1/1\norca: cannot write\nallowed: room\nto do: free some\n"
+    assert _complaint(text) == "orca: cannot write allowed: room to do: free some"
+    assert _complaint("Traceback: no word of ours") == "Traceback: no word of ours"
