@@ -16,6 +16,9 @@ from tests.browser import open_page
 _SIZES = {"desktop": (1280, 900, "light", 960), "phone": (390, 844, "dark", 390)}
 _PLACES = {"scores": "#means", "chart": "#chart", "scene": "#scenes", "wall": "#play", "stability": "#stability"}
 
+_MOVE = """const frame = document.querySelector("#frame");
+if (frame) { frame.value = Math.round(frame.max / 3); frame.dispatchEvent(new Event("input")); }"""
+
 
 def main() -> None:
     """Take the pictures."""
@@ -29,6 +32,7 @@ def main() -> None:
         with open_page(width, height, color_scheme=scheme) as seen:
             seen.page.goto(address)
             seen.page.wait_for_timeout(3000)
+            seen.page.evaluate(_MOVE)
             for place, selector in _PLACES.items():
                 if _show(seen.page, selector):
                     _keep(seen.page.screenshot(), kept, args.folder / f"{name}-{place}.webp")
