@@ -83,7 +83,7 @@ def _add_growth(verb: argparse.ArgumentParser) -> None:
 
 
 def _add_priors(verb: argparse.ArgumentParser) -> None:
-    text = "beyond the frame; auto: Stable Diffusion if its weights are here,\nelse mirror (default: the preset's)"
+    text = "beyond the frame; auto: Stable Diffusion if its weights are here,\nelse mean (default: the preset's)"
     verb.add_argument("--outpainter", "--outpaint", choices=OUTPAINTERS, help=text)
     verb.add_argument("--inpainter", choices=INPAINTERS, help="who completes large holes (default: the preset's, auto)")
     text = "folder of weights, one folder per model (DIR/OWNER/NAME);\nnothing is downloaded then"
