@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 __all__ = ["ORCA", "ORCA_NO_REPAIR", "ORCA_PAPER", "ORCA_PLAIN_FILL", "OrcaMethod"]
 
-CODE_VERSION = "7"  # raised whenever the same configuration would give other frames
+CODE_VERSION = "8"  # raised whenever the same configuration would give other frames
 
 
 @dataclass(frozen=True)

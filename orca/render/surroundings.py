@@ -18,7 +18,7 @@ from orca.render.renderer import Rendering
 
 __all__ = ["as_shown", "push_pull"]
 
-_OPEN = 1e-3  # a pixel is not filled where no more than this share of it is open
+_OPEN = 1e-3  # a pixel stays as it was fitted where no more than this share of it is open (best of 0 to 0.3)
 _LEAST = 1e-6  # coverage of a whole view under which there is nothing to spread
 
 
@@ -29,10 +29,11 @@ def as_shown(view: Rendering, config: RenderConfig) -> Rendering:
         view: a render over ``config.background``.
         config: how it was rendered; ``backdrop`` chooses.
     """
-    if config.backdrop == "plain" or view.alpha.min(initial=1.0) >= 1 - _OPEN or view.alpha.mean() < _LEAST:
+    open_ = 1 - view.alpha
+    if config.backdrop == "plain" or open_.max(initial=0.0) <= _OPEN or view.alpha.mean() < _LEAST:
         return view
-    scene = view.rgb - (1 - view.alpha)[..., None] * np.float32(config.background)
-    return replace(view, rgb=push_pull(scene, view.alpha))
+    scene = view.rgb - open_[..., None] * np.float32(config.background)
+    return replace(view, rgb=np.where(open_[..., None] > _OPEN, push_pull(scene, view.alpha), view.rgb))
 
 
 def push_pull(colour: Float32Array, weight: Float32Array) -> Float32Array:

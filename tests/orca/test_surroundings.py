@@ -51,6 +51,16 @@ def test_pinholes_take_the_colours_around_them() -> None:
     np.testing.assert_array_equal(shown.depth, before.depth)
 
 
+def test_what_is_all_but_covered_stays_as_it_was_fitted() -> None:
+    """A fit makes up for the little background that shines through; only what is open beyond that is filled."""
+    colour, alpha = ramp(40, 40), np.full((40, 40), 0.9995, np.float32)
+    alpha[10:20, 10:20] = 0.4
+    before = view(colour, alpha)
+    shown = as_shown(before, CONFIG)
+    np.testing.assert_array_equal(shown.rgb[alpha > 0.9], before.rgb[alpha > 0.9])
+    assert np.abs(shown.rgb - colour)[alpha < 0.9].max() < 0.02
+
+
 def test_colours_stay_within_those_that_are_there() -> None:
     generator = np.random.default_rng(1)
     colour = generator.random((40, 56, 3), np.float32)
