@@ -16,7 +16,7 @@ from orca.render import Renderer
 from orca.repair.donors import FillTarget
 from orca.repair.insert import InsertConfig
 from orca.repair.loop import repair
-from orca.repair.spacing import TargetCells, cells_of
+from orca.repair.spacing import TargetCells, cells_of, split_cells
 from tests.orca.anchor_scenes import random_anchors
 from tests.orca.repair_scenes import SIZE, estimate, input_camera, picture, sideways, small_config
 
@@ -99,6 +99,22 @@ def test_every_pixel_of_a_hole_is_covered_once(seed: int, share: float, toleranc
     assert count.max() == 1
     # What lies outside is at most half of four, a quarter of sixteen.
     assert count.sum() - mask.sum() <= 2 * (cells.sides == 2).sum() + 4 * (cells.sides == 4).sum()
+
+
+def test_cells_taken_apart_are_the_holes_own_pixels() -> None:
+    mask, rgb, depth = wall()
+    mask[:, 13:] = False  # of the last column of cells one pixel in four is in the hole
+    mask[0, 12] = False
+    rgb = rgb + np.linspace(0, 1e-3, 16)[:, None, None]
+    fill = target(mask, rgb, depth)
+    cells = cells_of(fill, 1.0, PLENTY)
+    apart = split_cells(cells, cells.centres[:, 1] < 8, fill)
+    assert (apart.sides[apart.centres[:, 1] < 8] == 1).all()
+    assert np.array_equal(np.sort(apart.sides[apart.centres[:, 1] > 8]), np.sort(cells.sides[cells.centres[:, 1] > 8]))
+    upper = apart.centres[:, 1] < 8
+    assert np.array_equal(covered(apart.subset(upper), (16, 16))[:8], mask[:8])
+    x, y = apart.centres[upper].astype(int).T
+    assert np.array_equal(apart.rgb[upper], rgb[y, x].astype(np.float32))
 
 
 def test_what_an_anchor_may_leave_decides_how_many_there_are() -> None:
