@@ -69,8 +69,8 @@ class SplatCloud:
         if n > MAX_SPLATS:
             raise BadInput(f"{n} splats", f"at most {MAX_SPLATS}", "thin the scene out")
         keep = np.ones(n, np.bool_)
-        for array in (self.means, self.log_scales, self.quaternions, self.sh.reshape(n, -1)):
-            keep &= np.isfinite(array).all(axis=1)
+        for array in (self.means, self.log_scales, self.quaternions, self.sh):
+            keep &= np.isfinite(array).all(axis=tuple(range(1, array.ndim)))
         # exp(20) scene units, or an exp that overflows: a splat of that size is a broken one.
         keep &= (self.log_scales < 20).all(axis=1) & ~np.isnan(self.opacity_logits)
         keep &= np.linalg.norm(self.quaternions.astype(np.float64), axis=1) > 1e-12
