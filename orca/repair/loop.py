@@ -232,11 +232,12 @@ class _Loop:
         """
         cells = self._hidden(cells_of(fill, self.insert_config.cell_error, rules.max_anchors), camera)
         new = self._anchors_of(cells, camera)
-        trace = self._trace(new) if (cells.sides > 1).any() else None
-        if trace is None:
+        large = cells.sides > 1
+        trace = self._trace(new) if large.any() else None
+        shown = large & (trace is not None and trace.guilty(self._tolerance(trace)))
+        if not shown.any():
             return new
-        shown = trace.guilty(self._tolerance(trace)) & (cells.sides > 1)
-        finer = self._hidden(split_cells(cells, shown, fill), camera) if shown.any() else cells
+        finer = self._hidden(split_cells(cells, shown, fill), camera)
         return self._anchors_of(finer, camera) if len(finer) <= rules.max_anchors else new
 
     def _hidden(self, cells: TargetCells, camera: Camera) -> TargetCells:

@@ -8,6 +8,7 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from orca.config import RenderConfig
 from orca.conventions import Float32Array, Float64Array
 from orca.repair.donors import FillTarget
 
@@ -20,8 +21,8 @@ _FILLED = {4: 12, 2: 2, 1: 1}
 with some of it outside, a cell closes more, and a second view loses nothing (Motorcycle). Larger cells reach too far
 beyond the hole: an anchor covers 1.6 times its cell's side."""
 
-_ONE_SURFACE = 1.05
-"""Depths nearer than this ratio are one surface, as hits of a ray are (`RenderConfig.layer_gap_relative`)."""
+_ONE_SURFACE = 1 + RenderConfig.layer_gap_relative
+"""Depths nearer than this ratio are one surface, as hits of a ray are."""
 
 
 @dataclass(frozen=True, eq=False)
