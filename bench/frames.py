@@ -105,7 +105,7 @@ def load_frames(path: Path, record: CellRecord) -> MethodOutput | None:
     try:
         with np.load(path, allow_pickle=False) as archive:
             _check_members(archive)
-            output = _decode_all({key: archive[key] for key in archive.files}, record)
+            output = _decode_all({key: _numbers(archive[key]) for key in archive.files}, record)
     except _BROKEN as error:
         _log.warning("%s cannot be read (%s): %s has to run again", path, error, record.method)
         return None
@@ -122,6 +122,13 @@ def _check_members(archive: Any) -> None:
         raise ValueError("no archive of arrays")
     if any(member.compress_type != zipfile.ZIP_STORED for member in archive.zip.infolist()):
         raise ValueError("compressed arrays")
+
+
+def _numbers(array: NDArray[Any]) -> NDArray[Any]:
+    """`save_frames` writes bytes and float32; converting text that is none can end in a `SystemError` of Python."""
+    if array.dtype not in (np.uint8, np.float32):
+        raise ValueError(f"an array of {array.dtype}")
+    return array
 
 
 def _decode_all(arrays: dict[str, NDArray[Any]], record: CellRecord) -> MethodOutput:

@@ -51,6 +51,7 @@ _FOUND = """
   got through as `zlib.error`. The two matrices are now read in Python (`bench/metrics/matlab_file.py`).
 - weights: torch's reader of tensors fails as the file makes it fail (`IndexError` and others); any of it is now an
   error of the file, and what is read must be a dictionary of tensors.
+- frames: stored text instead of pixels, which numpy converts by way of a `SystemError` of Python (found 28 November).
 - chat: a server's `Retry-After` with the white space 0x1D was no number.
 
 The findings of niqe and weights came from the test that changes bytes at random, when these targets were written; that
