@@ -106,6 +106,8 @@ def _add_export(verbs: argparse._SubParsersAction[argparse.ArgumentParser]) -> N
     text = "also write a page that shows it; opened as a file, viser cannot sort, so only the\ninput view is in order: "
     text += "serve it (python -m http.server) to walk around"
     verb.add_argument("--html", metavar="FILE", type=Path, help=text)
+    text = "split splats until the input view agrees this well with the neural render, twice at most (default: 35.5)"
+    verb.add_argument("--target-psnr", metavar="DB", type=float, help=text)
     _add_bake(verb)
 
 

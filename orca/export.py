@@ -78,26 +78,19 @@ def _vertices(splats: Splats) -> Float32Array:
     return np.concatenate(columns, axis=1).astype("<f4")
 
 
-def read_splats(path: str | os.PathLike[str], stage: NDArray[np.uint8] | None = None) -> Splats:
-    """Read a .ply of degree 0 back as splats.
+def read_splats(path: str | os.PathLike[str]) -> Splats:
+    """Read a .ply of degree 0 back as splats, all of the original stage (`orca.splats.split.stages` finds others).
 
     Args:
         path: a file that `write_splats` wrote, or another of that layout (higher harmonics are not read).
-        stage: `Stage` of each splat, [N], which the layout does not hold; all original when left out.
 
     Raises:
-        BadInput: no such file, not such a file, another number of splats than stages, or values that are not finite.
+        BadInput: no such file, not such a file, or values that are not finite.
     """
     table = read_ply(path)
     missing = [name for name in PLY_FIELDS if name not in (*(table.dtype.names or ()), "nx", "ny", "nz")]
     if missing:
         raise BadInput(f"'{path}' without {', '.join(missing)}", "a 3D Gaussian splat .ply", "export it again")
-    if stage is not None and len(stage) != len(table):
-        raise BadInput(
-            f"'{path}' of {len(table)} splats for a scene of {len(stage)} anchors",
-            "a .ply that was exported from this scene",
-            "export it again",
-        )
 
     def columns(*names: str) -> Float32Array:
         return np.stack([table[name] for name in names], axis=1).astype(np.float32)
@@ -108,7 +101,7 @@ def read_splats(path: str | os.PathLike[str], stage: NDArray[np.uint8] | None = 
         quaternions=columns("rot_0", "rot_1", "rot_2", "rot_3"),
         colours=columns("f_dc_0", "f_dc_1", "f_dc_2") * np.float32(SH_C0) + np.float32(0.5),
         opacities=np.asarray(1 / (1 + np.exp(-columns("opacity")[:, 0])), np.float32),
-        stage=np.zeros(len(table), np.uint8) if stage is None else stage,
+        stage=np.zeros(len(table), np.uint8),
     )
     if bad := splats.broken():
         raise BadInput(f"'{path}' with {bad} splats that are not finite", "finite values", "export it again")

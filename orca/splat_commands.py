@@ -16,8 +16,9 @@ from orca.placement import path_in_scene_radii
 from orca.progress import PhaseBars
 from orca.scene import Scene
 from orca.splats.agreement import agreement, held_out
-from orca.splats.bake import BakeConfig, bake, fitted_frames
+from orca.splats.bake import BakeConfig, anchor_splats, bake, fitted_frames
 from orca.splats.model import Splats
+from orca.splats.split import stages
 
 __all__ = ["export", "view"]
 
@@ -60,10 +61,11 @@ def view(arguments: argparse.Namespace, announce: Callable[[str], None]) -> Answ
     scene = Scene.load(arguments.scene)
     path = _path(arguments, scene)
     if arguments.ply is not None:
-        splats = read_splats(arguments.ply, scene.anchors.stage.numpy())
+        splats = stages(read_splats(arguments.ply), anchor_splats(scene))
     else:
         with PhaseBars() as bars:
-            splats = bake(scene, path, replace(_config(arguments), min_sigma=_VIEWER_SIGMA), bars)
+            # A viewer that does not draw what is small has no use for halves.
+            splats = bake(scene, path, replace(_config(arguments), min_sigma=_VIEWER_SIGMA, rounds=0), bars)
     server = SceneViewer(splats, scene.camera, path, arguments.host, arguments.port)
     # Ctrl-C is the way to end it, also for somebody who is told and does so at once.
     with server as viewer, contextlib.suppress(KeyboardInterrupt):
@@ -73,8 +75,8 @@ def view(arguments: argparse.Namespace, announce: Callable[[str], None]) -> Answ
 
 
 def _config(arguments: argparse.Namespace) -> BakeConfig:
-    config = BakeConfig()
-    return config if arguments.steps is None else replace(config, steps=arguments.steps)
+    given = {"steps": arguments.steps, "target_psnr": getattr(arguments, "target_psnr", None)}
+    return replace(BakeConfig(), **{name: value for name, value in given.items() if value is not None})
 
 
 def _path(arguments: argparse.Namespace, scene: Scene) -> tuple[Camera, ...]:

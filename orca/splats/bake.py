@@ -2,12 +2,13 @@
 
 A splat viewer blends one by one what ORCA decodes together, so each anchor's own colour gives another, coarser picture
 (23 dB from the neural one on a typical scene). Colours, opacities and sizes are therefore fitted to the neural
-renderings of the input view and of a few views of the path. Positions and orientations stay those of the anchors.
+renderings of the input view and of a few views of the path. Positions and orientations stay those of the anchors, but
+where one splat cannot show what its anchor and the neighbours decode together, it is split.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -17,8 +18,11 @@ from orca.camera import Camera
 from orca.conventions import Float32Array
 from orca.errors import BadInput
 from orca.progress import Progress
+from orca.splats.agreement import agreement
 from orca.splats.gradient import Footprints, footprints, loss_and_gradient
 from orca.splats.model import Splats
+from orca.splats.split import blame, split, worst
+from orca.splats.view import view_splats
 
 if TYPE_CHECKING:
     from orca.render.renderer import Rendering
@@ -44,6 +48,9 @@ class BakeConfig:
             viewers leave out what is small (viser, if alpha times the determinant is under 0.25 px^4), at a cost in
             agreement for all others (1.2 dB with 0.5 px on a fine texture).
         start_opacity: opacities start at this or below; an opaque splat has no gradient.
+        target_psnr: agreement with the neural render at the input view, in dB, under which splats are split ...
+        rounds: ... and fitted again with half the steps, at most so often; sizes are limited in each fit by those that
+            it began with.
         rate_colour, rate_opacity, rate_growth: learning rates.
     """
 
@@ -55,13 +62,18 @@ class BakeConfig:
     max_growth: float = 1.4
     min_sigma: float = 0.0
     start_opacity: float = 0.95
+    target_psnr: float = 35.5
+    rounds: int = 2
     rate_colour: float = 0.02
     rate_opacity: float = 0.1
     rate_growth: float = 0.03
 
     def __post_init__(self) -> None:
-        if self.steps < 0 or self.views < 0:
-            raise BadInput(f"{self.steps} steps on {self.views} views", "0 or more of each", "ask for more")
+        if min(self.steps, self.views, self.rounds) < 0:
+            given = f"{self.steps} steps on {self.views} views, {self.rounds} rounds"
+            raise BadInput(given, "0 or more of each", "ask for more")
+        if not np.isfinite(self.target_psnr):
+            raise BadInput(f"a target of {self.target_psnr} dB", "a finite number of dB", "ask for 36, say")
 
 
 def splat_opacities(scene: Scene) -> Float32Array:
@@ -114,7 +126,7 @@ def bake(scene: Scene, path: Sequence[Camera], config: BakeConfig, progress: Pro
         scene: what to imitate.
         path: cameras from which it will be looked at; a few evenly spaced ones are fitted.
         config: how long, and how.
-        progress: called as ("bake", done, total).
+        progress: called as ("bake", done, total), then ("bake, split K", done, total) for each round of splitting.
     """
     splats = anchor_splats(scene)
     if config.steps == 0:
@@ -125,11 +137,22 @@ def bake(scene: Scene, path: Sequence[Camera], config: BakeConfig, progress: Pro
         cameras.append(first.resized(round(first.width * config.zoom), round(first.height * config.zoom)))
     renderer = scene.renderer()
     background = scene.render_config.background
-    views = [
-        _View(footprints(splats, camera, config.max_growth), _over_black(renderer.render(camera), background))
-        for camera in cameras
-    ]
-    return _fit(splats, views, config, progress)
+    targets = [_over_black(renderer.render(camera), background) for camera in cameras]
+    for left in range(config.rounds, -1, -1):
+        views = [_View(footprints(splats, c, config.max_growth), t) for c, t in zip(cameras, targets, strict=True)]
+        steps = config.steps if left == config.rounds else config.steps // 2
+        splats = _fit(splats, views, replace(config, steps=steps), _named(progress, config.rounds - left))
+        surplus = config.target_psnr - agreement(scene, splats, (first,))[0]
+        if left == 0 or surplus <= 0:
+            break
+        picture = view_splats(splats, first).rgb.reshape(-1, 3)
+        splats = split(splats, worst(blame(footprints(splats, first, 1.0), picture, targets[0], splats), surplus))
+    return splats
+
+
+def _named(progress: Progress | None, round_: int) -> Callable[[int, int], None]:
+    phase = f"bake, split {round_}" if round_ else "bake"
+    return lambda done, total: progress(phase, done, total) if progress is not None else None
 
 
 @dataclass(frozen=True, eq=False)
@@ -157,7 +180,7 @@ def fitted_frames(length: int, config: BakeConfig) -> list[int]:
     return sorted(set(between.tolist())) if length else []
 
 
-def _fit(splats: Splats, views: Sequence[_View], config: BakeConfig, progress: Progress | None) -> Splats:
+def _fit(splats: Splats, views: Sequence[_View], config: BakeConfig, progress: Callable[[int, int], None]) -> Splats:
     """Adam on (colour, opacity logit, log size); the rates fade to zero over the second half."""
     start = np.clip(splats.opacities, 0.01, config.start_opacity)
     logits, growth = np.log(start / (1 - start)), np.zeros(len(splats))
@@ -180,8 +203,7 @@ def _fit(splats: Splats, views: Sequence[_View], config: BakeConfig, progress: P
         fade = np.float32(min(1.0, 2 * (1 - step / config.steps)))
         values -= fade * rates * (first / np.float32(1 - _MOMENTUM ** (step + 1))) / size
         np.clip(values, low, high, out=values)
-        if progress is not None:
-            progress("bake", step + 1, config.steps)
+        progress(step + 1, config.steps)
     colours = np.ascontiguousarray(values[:, :3])
     return replace(splats.grown(values[:, 4]), colours=colours, opacities=_sigmoid(values[:, 3]))
 
