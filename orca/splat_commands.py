@@ -35,8 +35,9 @@ def export(arguments: argparse.Namespace) -> Answer:
         splats = bake(scene, path, config, bars)
     count = write_splats(splats, arguments.ply)
     size = arguments.ply.stat().st_size
-    document: dict[str, object] = {"ply": str(arguments.ply), "splats": count, "bytes": size}
-    lines = [f"{arguments.ply}: {count} splats, {size} bytes"]
+    counts = {"splats": count, "anchors": scene.num_anchors, "bytes": size}
+    document: dict[str, object] = {"ply": str(arguments.ply), **counts}
+    lines = [f"{arguments.ply}: {count} splats of {scene.num_anchors} anchors, {size} bytes"]
     if arguments.psnr:
         # From the file, so that what is reported is what a viewer gets.
         written = read_splats(arguments.ply)

@@ -187,6 +187,7 @@ def test_export_reports_the_agreement_of_the_file(
     assert main(["export", str(scene_file), str(ply), *options, "--target-psnr", "5"]) == 0
     answer = json.loads(capsys.readouterr().out)
     assert answer["splats"] == scene.num_anchors
+    assert answer["anchors"] == scene.num_anchors
     assert answer["bytes"] == ply.stat().st_size
     assert answer["psnr"]["input"] == pytest.approx(agreement(scene, read_splats(ply), [scene.camera])[0], abs=1e-6)
     assert 15 < answer["psnr"]["held_out"] < 60
