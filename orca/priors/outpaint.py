@@ -173,16 +173,17 @@ def _blur_by_distance(canvas: Float32Array, distance: Float32Array) -> Float32Ar
     """Gaussian blur whose width grows with ``distance``: a stack of doubling blurs, blended between its levels."""
     largest = max(1.0, LARGEST_BLUR * max(canvas.shape[:2]))
     sigma = np.minimum(BLUR_PER_PIXEL * distance, np.float32(largest))
+    widest = float(sigma.max())
     result = canvas.copy()
     lower_sigma, lower = 0.0, canvas
     upper_sigma = 0.5
-    while lower_sigma < float(sigma.max()):
+    while lower_sigma < widest:
         upper = _gaussian(canvas, upper_sigma)
-        weight = np.clip((sigma - lower_sigma) / (upper_sigma - lower_sigma), 0.0, 1.0)
-        weight = weight if canvas.ndim == 2 else weight[..., None]
-        blend = lower + weight * (upper - lower)
-        inside = sigma > lower_sigma
-        result[inside] = blend[inside]
+        between = (sigma > lower_sigma) & (sigma <= upper_sigma)
+        weight = (sigma[between] - lower_sigma) / (upper_sigma - lower_sigma)
+        weight = weight if canvas.ndim == 2 else weight[:, None]
+        narrow = lower[between]
+        result[between] = narrow + weight * (upper[between] - narrow)
         lower_sigma, lower, upper_sigma = upper_sigma, upper, 2 * upper_sigma
     return result
 
