@@ -125,16 +125,25 @@ def changed_tiles(box: NDArray[np.int32], size: tuple[int, int]) -> NDArray[np.b
 def reaching(box: NDArray[np.int32], tiles: NDArray[np.bool_], size: tuple[int, int]) -> NDArray[np.int64]:
     """The boxes that reach into some of the tiles, ascending."""
     columns = (size[0] + TILE - 1) // TILE
-    found, n = np.empty(box.shape[0], np.int64), 0
-    for i in range(box.shape[0]):
-        if box[i, 2] > box[i, 0] and box[i, 3] > box[i, 1]:
-            inside = False
-            for y in range(box[i, 1] // TILE, (box[i, 3] - 1) // TILE + 1):
-                for x in range(box[i, 0] // TILE, (box[i, 2] - 1) // TILE + 1):
-                    inside |= tiles[y * columns + x]
-            if inside:
-                found[n] = i
-                n += 1
+    left, top, right, bottom = len(tiles), len(tiles), 0, 0  # around the tiles: most boxes are far from all of them
+    for tile in range(len(tiles)):
+        if tiles[tile]:
+            left, right = min(left, tile % columns), max(right, tile % columns + 1)
+            top, bottom = min(top, tile // columns), max(bottom, tile // columns + 1)
+    x_low, y_low, x_high, y_high = left * TILE, top * TILE, right * TILE, bottom * TILE
+    near = np.empty(box.shape[0], np.bool_)
+    for i in range(box.shape[0]):  # without a branch: one that cannot be foretold costs more than it saves
+        near[i] = (box[i, 0] < x_high) & (box[i, 2] > x_low) & (box[i, 1] < y_high) & (box[i, 3] > y_low)
+    found, n = np.empty(near.sum(), np.int64), 0
+    for k in np.flatnonzero(near):
+        x0, y0, x1, y1 = box[k]
+        inside = False
+        for y in range(max(top, y0 // TILE), min(bottom, (y1 - 1) // TILE + 1)):
+            for x in range(max(left, x0 // TILE), min(right, (x1 - 1) // TILE + 1)):
+                inside |= tiles[y * columns + x]
+        if inside and x1 > x0 and y1 > y0:
+            found[n] = k
+            n += 1
     return found[:n]
 
 
