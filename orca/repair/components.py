@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import cv2
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
@@ -96,22 +95,9 @@ def drop_small(mask: BoolArray, min_area: int, bridge: int = 0) -> BoolArray:
         # Labelling costs by the pixel: only the part that holds something is looked at.
         x, y, width, height = cv2.boundingRect(mask.view(np.uint8))
         inside = kept[y : y + height, x : x + width]
-        _clear_small(inside, _joined_labels(inside, bridge), min_area)
+        label = _joined_labels(inside, bridge)[inside]
+        inside[inside] = (np.bincount(label) >= min_area)[label]
     return kept
-
-
-@numba.njit(cache=True, nogil=True)  # type: ignore[untyped-decorator]
-def _clear_small(mask: BoolArray, labels: NDArray[np.int32], min_area: int) -> None:
-    """Clear, in place, the pixels of a mask whose label fewer than ``min_area`` of its pixels have."""
-    area = np.zeros(labels.max() + 1, np.int64)
-    for y in range(mask.shape[0]):
-        for x in range(mask.shape[1]):
-            if mask[y, x]:
-                area[labels[y, x]] += 1
-    for y in range(mask.shape[0]):
-        for x in range(mask.shape[1]):
-            if area[labels[y, x]] < min_area:
-                mask[y, x] = False
 
 
 def _label(mask: BoolArray, bridge: int) -> tuple[NDArray[np.int32], NDArray[np.int64]]:
