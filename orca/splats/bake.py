@@ -49,8 +49,8 @@ class BakeConfig:
             agreement for all others (1.2 dB with 0.5 px on a fine texture).
         start_opacity: opacities start at this or below; an opaque splat has no gradient.
         target_psnr: agreement with the neural render at the input view, in dB, under which splats are split ...
-        rounds: ... and fitted again with half the steps, at most so often; sizes are limited in each fit by those that
-            it began with.
+        rounds: ... and fitted again with half the steps, at least one, at most so often; sizes are limited in each fit
+            by those that it began with.
         rate_colour, rate_opacity, rate_growth: learning rates.
     """
 
@@ -140,7 +140,7 @@ def bake(scene: Scene, path: Sequence[Camera], config: BakeConfig, progress: Pro
     targets = [_over_black(renderer.render(camera), background) for camera in cameras]
     for left in range(config.rounds, -1, -1):
         views = [_View(footprints(splats, c, config.max_growth), t) for c, t in zip(cameras, targets, strict=True)]
-        steps = config.steps if left == config.rounds else config.steps // 2
+        steps = config.steps if left == config.rounds else (config.steps + 1) // 2
         splats = _fit(splats, views, replace(config, steps=steps), _named(progress, config.rounds - left))
         surplus = config.target_psnr - agreement(scene, splats, (first,))[0]
         if left == 0 or surplus <= 0:

@@ -128,6 +128,9 @@ def test_no_steps_and_no_path(scene: Scene) -> None:
     seen: list[tuple[str, int, int]] = []
     bake(scene, (), BakeConfig(steps=2, zoom=0, rounds=1), lambda *step: seen.append(step))
     assert seen == [("bake", 1, 2), ("bake", 2, 2), ("bake, split 1", 1, 1)]
+    seen.clear()
+    bake(scene, (), BakeConfig(steps=1, zoom=0, rounds=1), lambda *step: seen.append(step))
+    assert seen == [("bake", 1, 1), ("bake, split 1", 1, 1)]  # what was split is fitted, if only once
     for field in ("steps", "views", "rounds"):
         with pytest.raises(BadInput, match="-1"):
             BakeConfig(**{field: -1})
