@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import errno
 import math
 import socket
@@ -11,17 +12,18 @@ from collections.abc import Sequence
 from contextlib import redirect_stdout
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from orca.anchors import Stage
 from orca.atomic import atomic_path
 from orca.camera import Camera
+from orca.conventions import Float64Array
 from orca.errors import BadInput, Unavailable
 from orca.splats.model import Splats
 
-__all__ = ["SceneViewer", "camera_pose", "write_html"]
+__all__ = ["Pose", "SceneViewer", "camera_pose", "write_html"]
 
 _PATH_COLOUR = (120, 150, 190)
 # Half of the scene lies nearer than this many units of the viewer's world. viser keeps covariances in half precision,
@@ -29,13 +31,29 @@ _PATH_COLOUR = (120, 150, 190)
 _MEDIAN_DEPTH = 100.0
 
 
-def camera_pose(camera: Camera) -> tuple[tuple[float, ...], tuple[float, ...], float]:
-    """Orientation of the camera in the world (wxyz), position, and vertical field of view in radians."""
-    from scipy.spatial.transform import Rotation
+class Pose(NamedTuple):
+    """A camera as viser's orbit controls take it, in the scene's units; each of position, ahead, up is (3,).
 
-    x, y, z, w = Rotation.from_matrix(camera.rotation.T).as_quat()
-    fov = 2 * math.atan(camera.height / (2 * camera.K[1, 1]))
-    return (w, x, y, z), tuple(camera.center.tolist()), fov
+    Attributes:
+        position: where the camera stands.
+        ahead: unit vector of its optical axis.
+        up: axis that dragging turns about; what of it is across the axis is the picture's up.
+        fov: vertical field of view in radians.
+    """
+
+    position: Float64Array
+    ahead: Float64Array
+    up: Float64Array
+    fov: float
+
+
+def camera_pose(camera: Camera, upright: Camera) -> Pose:
+    """A camera's pose, turned about the up of another as long as their pictures are not upside down to each other."""
+    right, down, ahead = camera.rotation
+    level = -upright.rotation[1]
+    level = level - (level @ right) * right
+    up = level if level @ -down > 0.05 else -down
+    return Pose(camera.center, ahead, up, 2 * math.atan(camera.height / (2 * camera.K[1, 1])))
 
 
 class SceneViewer:
@@ -66,12 +84,12 @@ class SceneViewer:
         fps: float = 20.0,
     ) -> None:
         _check_free(host, port)
-        self._path, self._fps = tuple(path), fps
+        self._input, self._path, self._fps = camera, tuple(path), fps
         self.server = _server(host, port)
         self._unit = _unit(splats, camera)
         self.handles = _add_scene(self.server, splats, camera, self._path, self._unit)
         self._closed = threading.Event()
-        self._add_controls(camera)
+        self._add_controls()
         self._player = threading.Thread(target=self._play, daemon=True)
         self._player.start()
 
@@ -81,10 +99,6 @@ class SceneViewer:
         host = self.server.get_host()
         shown = f"[{host}]" if ":" in host else host
         return f"http://{shown}:{self.server.get_port()}"
-
-    def show(self, frame: int) -> None:
-        """Move every visitor to a camera of the path."""
-        self._move(self._path[frame])
 
     def wait(self) -> None:
         """Return when the viewer is closed."""
@@ -102,7 +116,7 @@ class SceneViewer:
     def __exit__(self, *_: object) -> None:
         self.close()
 
-    def _add_controls(self, camera: Camera) -> None:
+    def _add_controls(self) -> None:
         gui = self.server.gui
         gui.configure_theme(
             dark_mode=True, show_logo=False, show_share_button=False
@@ -112,12 +126,12 @@ class SceneViewer:
                 self._add_switch(name, handle)
         with gui.add_folder("Camera"):
             home = gui.add_button("Input view")
-            home.on_click(lambda _: self._move(camera))
+            home.on_click(self._go_home)
             last = max(1, len(self._path) - 1)
             none = len(self._path) < 2
             self.frame = gui.add_slider("Path", 0, last, 1, 0, disabled=none)
             self.playing = gui.add_checkbox("Play", False, disabled=none)
-            self.frame.on_update(lambda _: self.show(int(self.frame.value)))
+            self.frame.on_update(self._follow_slider)
 
     def _add_switch(self, name: str, handle: Any) -> None:
         switch = self.server.gui.add_checkbox(name, True)
@@ -127,18 +141,50 @@ class SceneViewer:
 
         switch.on_update(toggled)
 
-    def _move(self, camera: Camera) -> None:
-        wxyz, position, fov = camera_pose(camera)
-        for client in self.server.get_clients().values():
-            with client.atomic():
-                client.camera.wxyz, client.camera.fov = wxyz, fov
-                client.camera.position = np.asarray(position) * self._unit
+    # What moves cameras runs on the server's event loop, as what visitors send does: one after the other.
+
+    async def _follow_slider(self, _: object) -> None:
+        self._move(self._path[int(self.frame.value)])
+
+    async def _go_home(self, _: object) -> None:
+        self.playing.value = False
+        self._move(self._input)
+
+    async def _advance(self) -> None:
+        """Next frame while Play is on; the slider is the visitor's when it is off."""
+        playing = bool(self.playing.value)
+        if self.frame.disabled != playing:
+            self.frame.disabled = playing
+        if playing:
+            self.frame.value = (int(self.frame.value) + 1) % len(self._path)  # calls _follow_slider
 
     def _play(self) -> None:
-        """Advance the slider while Play is on; moving the slider moves the camera."""
-        while not self._closed.wait(1 / self._fps):
-            if self.playing.value and len(self._path) > 1:
-                self.frame.value = (int(self.frame.value) + 1) % len(self._path)
+        while len(self._path) > 1 and not self._closed.wait(1 / self._fps):
+            asyncio.run_coroutine_threadsafe(self._advance(), self.server.get_event_loop()).result()
+
+    def _move(self, camera: Camera) -> None:
+        pose = camera_pose(camera, self._input)
+        for client in self.server.get_clients().values():
+            with client.atomic():
+                _set_pose(client.camera, pose, self._unit)
+
+
+def _set_pose(view: Any, pose: Pose, unit: float) -> None:
+    """Send a visitor's browser a whole pose, whatever is known of where the visitor is.
+
+    viser sends nothing when a value is what it holds already, but that may be what a slow browser reported of the frame
+    it showed a while ago: each value is set to another first, which the second replaces before it is sent.
+    """
+    place, ahead, up, fov = pose.position * unit, pose.ahead, pose.up, pose.fov
+    values = (
+        ("position", place - ahead, place),
+        ("look_at", place + ahead, place + ahead * _MEDIAN_DEPTH),
+        ("up_direction", up + ahead, up),
+        ("fov", 0.9 * fov, fov),
+    )
+    for name, other, wanted in values:
+        setattr(view, name, other)
+        setattr(view, name, wanted)
 
 
 def write_html(splats: Splats, camera: Camera, file: Path) -> int:
@@ -186,11 +232,11 @@ def _add_scene(server: Any, splats: Splats, camera: Camera, path: Sequence[Camer
     """Put the splats, the path and the first camera into a server; returns the splats' handles by name and count."""
     scene = server.scene
     scene.set_up_direction("-y")
-    _, position, fov = camera_pose(camera)
-    server.initial_camera.position = np.asarray(position) * unit
-    server.initial_camera.look_at = np.asarray(position) * unit + camera.rotation[2] * _MEDIAN_DEPTH
-    server.initial_camera.up = -camera.rotation[1]
-    server.initial_camera.fov = fov
+    pose = camera_pose(camera, camera)
+    server.initial_camera.position = pose.position * unit
+    server.initial_camera.look_at = pose.position * unit + pose.ahead * _MEDIAN_DEPTH
+    server.initial_camera.up = pose.up
+    server.initial_camera.fov = pose.fov
     # viser sorts by itself, but not before its sorter is up, and never in a page opened as a file: start in order.
     far_first = np.argsort(-(splats.means @ camera.rotation[2]), kind="stable")
     handles = {}

@@ -120,18 +120,28 @@ def assert_path_and_input_view_work(
     def press(name: str) -> None:
         page.get_by_label(name, exact=True).click()
 
-    assert shows_view(CAMERA)
-    press("Play")
-    assert reached(page, lambda: far_below(splats, CAMERA, screenshot(watched)) > 0.02)
-    press("Play")
-    assert reached(page, lambda: not viewer.playing.value)
-    frame = 1 if viewer.frame.value != 1 else 3  # the slider stands where playing stopped
+    def settled() -> bool:
+        """The page is where the server is: its slider, and its picture of that frame."""
+        frame = int(viewer.frame.value)
+        return int(box.input_value()) == frame and far_below(splats, path[frame], screenshot(watched)) < 0.01
+
     box = page.locator("input[inputmode=decimal]")
-    box.fill(str(frame))
-    box.press("Enter")
-    assert shows_view(path[frame])
-    assert not far_below(splats, CAMERA, screenshot(watched)) < 0.02
+    assert shows_view(CAMERA)
+    for _ in range(4):
+        press("Play")
+        assert reached(page, lambda: far_below(splats, CAMERA, screenshot(watched)) > 0.02)
+        press("Play")
+        assert reached(page, lambda: not viewer.playing.value and settled())
+        frame = 1 if viewer.frame.value != 1 else 3  # the slider stands where playing stopped
+        box.fill(str(frame))
+        box.press("Enter")
+        assert shows_view(path[frame])
+        assert not far_below(splats, CAMERA, screenshot(watched)) < 0.02
+    press("Play")
+    assert reached(page, lambda: bool(viewer.playing.value))
     page.get_by_role("button", name="Input view").click()
+    assert reached(page, lambda: not viewer.playing.value)
+    assert reached(page, lambda: int(box.input_value()) == viewer.frame.value)  # no frame is still on its way
     assert shows_view(CAMERA)
 
 
@@ -151,13 +161,25 @@ def reached(page: Any, done: Callable[[], bool]) -> bool:
 
 
 def test_camera_pose_of_a_turned_camera() -> None:
-    pose = np.array([[0.0, 0, -1, 0.5], [0, 1, 0, 0], [1, 0, 0, -2], [0, 0, 0, 1]])
-    wxyz, position, fov = camera_pose(replace(CAMERA, world_to_camera=pose))
+    """Turned to the right and then down: it looks ahead and down, and dragging turns about the first camera's up."""
     half = 0.5**0.5
-    assert np.abs(wxyz) == pytest.approx([half, 0, half, 0])
-    assert wxyz[0] * wxyz[2] > 0  # the camera's z is the world's x
-    assert position == pytest.approx((2, 0, 0.5))
-    assert fov == pytest.approx(2 * np.arctan(300 / CAMERA.K[1, 1]))
+    to_the_right = np.array([[0.0, 0, -1, 0.5], [0, 1, 0, 0], [1, 0, 0, -2], [0, 0, 0, 1]])
+    down = np.array([[1.0, 0, 0, 0], [0, half, -half, 0], [0, half, half, 0], [0, 0, 0, 1]])
+    pose = camera_pose(replace(CAMERA, world_to_camera=down @ to_the_right), CAMERA)
+    assert pose.position == pytest.approx([2, 0, 0.5])
+    assert pose.ahead == pytest.approx([half, half, 0])
+    assert pose.up == pytest.approx([0, -1, 0])
+    assert pose.fov == pytest.approx(2 * np.arctan(300 / CAMERA.K[1, 1]))
+
+
+def test_camera_pose_of_a_rolled_camera() -> None:
+    """Rolled by 45 degrees it stays rolled, and so does one that stands on its head."""
+    half = 0.5**0.5
+    rolled = np.array([[half, half, 0, 0], [-half, half, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]])
+    up = camera_pose(replace(CAMERA, world_to_camera=rolled), CAMERA).up
+    assert up / np.linalg.norm(up) == pytest.approx([half, -half, 0])
+    over = np.diag([-1.0, -1, 1, 1])
+    assert camera_pose(replace(CAMERA, world_to_camera=over), CAMERA).up == pytest.approx([0, 1, 0])
 
 
 @pytest.mark.slow
