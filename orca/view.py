@@ -48,7 +48,10 @@ class Pose(NamedTuple):
 
 
 def camera_pose(camera: Camera, upright: Camera) -> Pose:
-    """A camera's pose, turned about the up of another as long as their pictures are not upside down to each other."""
+    """A camera's pose, whose up is that of ``upright`` less what of it is along the camera's own right.
+
+    A camera that stands on its head against ``upright``, or nearly lies, keeps its own up.
+    """
     right, down, ahead = camera.rotation
     level = -upright.rotation[1]
     level = level - (level @ right) * right
@@ -128,9 +131,9 @@ class SceneViewer:
             home = gui.add_button("Input view")
             home.on_click(self._go_home)
             last = max(1, len(self._path) - 1)
-            none = len(self._path) < 2
-            self.frame = gui.add_slider("Path", 0, last, 1, 0, disabled=none)
-            self.playing = gui.add_checkbox("Play", False, disabled=none)
+            shown = len(self._path) > 1  # not only disabled: that leaves the number beside the slider to be typed
+            self.frame = gui.add_slider("Path", 0, last, 1, 0, visible=shown)
+            self.playing = gui.add_checkbox("Play", False, visible=shown)
             self.frame.on_update(self._follow_slider)
 
     def _add_switch(self, name: str, handle: Any) -> None:
@@ -143,8 +146,9 @@ class SceneViewer:
 
     # What moves cameras runs on the server's event loop, as what visitors send does: one after the other.
 
-    async def _follow_slider(self, _: object) -> None:
-        self._move(self._path[int(self.frame.value)])
+    async def _follow_slider(self, event: Any) -> None:
+        if event.client is not None:  # a visitor's; what is played has moved the camera already
+            self._move(self._path[int(self.frame.value)])
 
     async def _go_home(self, _: object) -> None:
         self.playing.value = False
@@ -156,7 +160,8 @@ class SceneViewer:
         if self.frame.disabled != playing:
             self.frame.disabled = playing
         if playing:
-            self.frame.value = (int(self.frame.value) + 1) % len(self._path)  # calls _follow_slider
+            self.frame.value = (int(self.frame.value) + 1) % len(self._path)
+            self._move(self._path[self.frame.value])
 
     def _play(self) -> None:
         while len(self._path) > 1 and not self._closed.wait(1 / self._fps):

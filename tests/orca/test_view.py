@@ -294,6 +294,19 @@ def test_playing_moves_along_the_path() -> None:
         assert seen == {0, 1, 2, 3, 4}
 
 
+@pytest.mark.slow
+def test_without_a_path_there_is_nothing_to_play() -> None:
+    with (
+        SceneViewer(three_walls(), CAMERA, port=free_port()) as viewer,
+        open_page(WIDTH, HEIGHT, webgl=True) as watched,
+    ):
+        watched.page.goto(viewer.url)
+        watched.page.get_by_role("button", name="Input view").wait_for()
+        assert watched.page.get_by_label("repaired (352)", exact=True).count() == 1
+        assert watched.page.get_by_label("Play", exact=True).count() == 0
+        assert watched.page.locator("input[inputmode=decimal]").count() == 0
+
+
 def test_places_that_cannot_be_listened_on_are_refused() -> None:
     with socket.socket() as taken:
         taken.bind(("127.0.0.1", 0))
